@@ -1,0 +1,1 @@
+//! The car: masses, suspension characteristics, tyres, driveline, brakes, aerodynamics.

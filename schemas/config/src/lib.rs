@@ -1,0 +1,15 @@
+//! Configuration: the checked parameters of every part of the bench, and their loading.
+//!
+//! One file, one section. A section is a plain struct of numbers with their units in the field names,
+//! derived from serde and schemars (so that one definition gives the parser, the JSON schema for editors
+//! and the ranges), and a [`Check`] for the rules that join several fields. Physics sees these structs and
+//! nothing else: no file, no TOML, no default that hides a missing value.
+
+pub mod axle;
+pub mod car;
+pub mod check;
+pub mod rig;
+pub mod scenario;
+pub mod unit;
+
+pub use check::{Broken, Check, Checker};

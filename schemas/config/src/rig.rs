@@ -1,0 +1,1 @@
+//! The rig: actuators, linkage, sensors, control, limits.

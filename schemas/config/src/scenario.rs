@@ -1,0 +1,1 @@
+//! The scenario: which car, rig and manoeuvre, for how long.

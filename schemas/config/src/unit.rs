@@ -1,0 +1,1 @@
+//! The steering unit under test.

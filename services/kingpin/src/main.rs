@@ -1,0 +1,3 @@
+//! Kingpin: an open, real-time steering hardware-in-the-loop bench.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! The logger: reads the table, writes the log.

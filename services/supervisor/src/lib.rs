@@ -1,0 +1,1 @@
+//! The supervisor: starts, watches and ends the services of a bench.

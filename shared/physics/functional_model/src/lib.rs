@@ -1,0 +1,1 @@
+//! Functional models: blocks, frames, composition, compiled step.

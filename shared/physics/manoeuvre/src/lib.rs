@@ -1,0 +1,1 @@
+//! Manoeuvres: driver inputs over time, recorded histories, speed control.

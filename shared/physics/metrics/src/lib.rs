@@ -1,0 +1,1 @@
+//! Handling, steering-feel, tracking and timing figures of a run.

@@ -1,0 +1,1 @@
+//! Rigid multibody systems: constraints, kinematics, reactions, dynamics, suspensions.

@@ -1,0 +1,1 @@
+//! The rig's controller: inner loops, feed-forward, delay compensation, force conversion.

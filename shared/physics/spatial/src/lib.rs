@@ -1,0 +1,1 @@
+//! Vectors, rotations, Euler parameters and frames.

@@ -1,0 +1,1 @@
+//! Tyres: Magic Formula, property files, tables, relaxation.

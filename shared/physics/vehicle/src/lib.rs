@@ -1,0 +1,1 @@
+//! The 27-freedom car: chassis, driveline, brakes, environment.

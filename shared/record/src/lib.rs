@@ -1,0 +1,1 @@
+//! Logs: writing, reading, recovery, export.

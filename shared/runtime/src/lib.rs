@@ -1,0 +1,1 @@
+//! Nodes and ticks: lockstep, paced with output phase, deadlines, real-time threads.

@@ -1,0 +1,1 @@
+//! Limits and the bench state machine, as pure functions.

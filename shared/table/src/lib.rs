@@ -1,0 +1,1 @@
+//! The shared table: regions in shared memory, one writer each, history by tick.
