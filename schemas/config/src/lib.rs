@@ -9,7 +9,9 @@ pub mod axle;
 pub mod car;
 pub mod check;
 pub mod rig;
+pub mod road;
 pub mod scenario;
+pub mod steer;
 pub mod unit;
 
 pub use check::{Broken, Check, Checker};
