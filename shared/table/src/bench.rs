@@ -1,0 +1,178 @@
+//! A bench by its name, and the locks that say who runs it and who writes which region.
+//!
+//! One lock file per region and one for the bench, in `<base>/<bench>/`, mode 0700, where `<base>` is the argument,
+//! or `$KINGPIN_RUNTIME_DIR`, or `$XDG_RUNTIME_DIR/kingpin`, or `/tmp/kingpin-<uid>`. The kernel frees a lock when its
+//! holder dies, however it dies. Lock files are never removed: a removed but held one would let two holders be.
+
+use crate::TableError;
+use crate::process::this_process;
+use crate::spec::BenchName;
+use std::fs::{DirBuilder, File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+/// A bench's name and the directory of its locks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Bench {
+    name: BenchName,
+    base: PathBuf,
+}
+
+impl Bench {
+    /// With the lock directory that the environment gives.
+    ///
+    /// # Errors
+    /// [`TableError::BenchName`].
+    pub fn new(name: &str) -> Result<Self, TableError> {
+        Self::with_base(name, base_from_environment())
+    }
+
+    /// With a given base directory for the locks.
+    ///
+    /// # Errors
+    /// [`TableError::BenchName`].
+    pub fn with_base(name: &str, base: impl Into<PathBuf>) -> Result<Self, TableError> {
+        Ok(Bench { name: BenchName::new(name)?, base: base.into() })
+    }
+
+    /// The name.
+    pub fn name(&self) -> &BenchName {
+        &self.name
+    }
+
+    /// Base directory of the locks; give it to child processes as `KINGPIN_RUNTIME_DIR`.
+    pub fn base(&self) -> &Path {
+        &self.base
+    }
+
+    /// This bench's own directory (locks; free for small run-time files of the bench). Made when first locked.
+    pub fn directory(&self) -> PathBuf {
+        self.base.join(self.name.as_str())
+    }
+
+    /// Becomes the bench's one supervisor, until the lock is dropped or this process dies.
+    ///
+    /// # Errors
+    /// [`TableError::Claimed`] naming the holder; [`TableError::UnsafeDirectory`]; [`TableError::Os`].
+    pub fn lock(&self) -> Result<BenchLock, TableError> {
+        let file = LockFile::take(self, "bench.lock", || format!("bench {}", self.name))?;
+        Ok(BenchLock { bench: self.clone(), _file: file })
+    }
+
+    /// The process that supervises the bench now, if any.
+    ///
+    /// # Errors
+    /// As [`Bench::lock`].
+    pub fn supervisor_pid(&self) -> Result<Option<u32>, TableError> {
+        if !self.directory().join("bench.lock").exists() {
+            return Ok(None);
+        }
+        match self.lock() {
+            Ok(_) => Ok(None),
+            Err(TableError::Claimed { holder_pid, .. }) => Ok(holder_pid.or(Some(0))),
+            Err(error) => Err(error),
+        }
+    }
+
+    pub(crate) fn lock_region(&self, region: &str) -> Result<LockFile, TableError> {
+        LockFile::take(self, &format!("region.{region}.lock"), || {
+            format!("region {region} of bench {}", self.name)
+        })
+    }
+}
+
+/// Base directory of the locks as the environment gives it.
+pub fn base_from_environment() -> PathBuf {
+    let set = |key: &str| std::env::var_os(key).filter(|v| !v.is_empty()).map(PathBuf::from);
+    set("KINGPIN_RUNTIME_DIR")
+        .or_else(|| set("XDG_RUNTIME_DIR").map(|dir| dir.join("kingpin")))
+        .unwrap_or_else(|| PathBuf::from(format!("/tmp/kingpin-{}", rustix::process::geteuid().as_raw())))
+}
+
+/// Held by a bench's one supervisor: the right to make and remove its segments.
+#[derive(Debug)]
+pub struct BenchLock {
+    bench: Bench,
+    _file: LockFile,
+}
+
+impl BenchLock {
+    /// The bench that is locked.
+    pub fn bench(&self) -> &Bench {
+        &self.bench
+    }
+}
+
+/// A held lock file; freed on drop or death.
+#[derive(Debug)]
+pub(crate) struct LockFile(#[allow(dead_code, reason = "holds the lock")] File);
+
+impl LockFile {
+    fn take(bench: &Bench, file_name: &str, what: impl Fn() -> String) -> Result<Self, TableError> {
+        private_directory(&bench.base)?;
+        let directory = bench.directory();
+        private_directory(&directory)?;
+        let path = directory.join(file_name);
+        let os = |e: std::io::Error| match e.kind() {
+            std::io::ErrorKind::PermissionDenied => {
+                TableError::Permission { what: path.display().to_string() }
+            }
+            _ => TableError::Os { what: format!("lock file {}", path.display()), cause: e.to_string() },
+        };
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits() as i32)
+            .open(&path)
+            .map_err(os)?;
+        match file.try_lock() {
+            Ok(()) => {
+                let id = this_process();
+                file.set_len(0).map_err(os)?;
+                file.rewind().map_err(os)?;
+                writeln!(file, "{} {}", id.pid, id.start_ticks).map_err(os)?;
+                Ok(LockFile(file))
+            }
+            Err(TryLockError::WouldBlock) => {
+                let mut text = String::new();
+                // Empty if the holder has just locked and not yet written.
+                let _ = file.take(64).read_to_string(&mut text);
+                let holder_pid = text.split_ascii_whitespace().next().and_then(|pid| pid.parse().ok());
+                Err(TableError::Claimed { what: what(), holder_pid })
+            }
+            Err(TryLockError::Error(e)) => Err(os(e)),
+        }
+    }
+}
+
+/// Makes the directory with mode 0700, or checks that it is ours and nobody else can write to it.
+fn private_directory(path: &Path) -> Result<(), TableError> {
+    let os = |e: std::io::Error| match e.kind() {
+        std::io::ErrorKind::PermissionDenied => TableError::Permission { what: path.display().to_string() },
+        _ => TableError::Os { what: format!("lock directory {}", path.display()), cause: e.to_string() },
+    };
+    // Only the last component: a missing parent is the user's mistake, not ours to make with the wrong mode.
+    match DirBuilder::new().mode(0o700).create(path) {
+        Ok(()) => return Ok(()),
+        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+        Err(e) => return Err(os(e)),
+    }
+    // Not following a symbolic link, which another user could have put into /tmp.
+    let data = std::fs::symlink_metadata(path).map_err(os)?;
+    let unsafe_directory = |reason: String| TableError::UnsafeDirectory { path: path.to_owned(), reason };
+    if !data.is_dir() {
+        return Err(unsafe_directory("is not a directory".to_owned()));
+    }
+    let uid = rustix::process::geteuid().as_raw();
+    if data.uid() != uid {
+        return Err(unsafe_directory(format!("belongs to user {}, not to user {uid}", data.uid())));
+    }
+    if data.mode() & 0o022 != 0 {
+        return Err(unsafe_directory(format!("others may write to it (mode {:04o})", data.mode() & 0o7777)));
+    }
+    Ok(())
+}
