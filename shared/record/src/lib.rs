@@ -1,1 +1,16 @@
-//! Logs: writing, reading, recovery, export.
+//! Logs of a bench: writing, reading, recovery, comparison, export.
+//!
+//! A log is an MCAP file (specification: mcap.dev/spec) of flat CDR messages: one channel per region, one
+//! message per tick, each the region's words behind a 4-byte CDR header, with a ROS 2 message definition, so
+//! that MCAP tools read it as it is. Events are JSON on `/events`. The resolved configuration, its hash and
+//! sources travel along as attachments. A file is at every moment a prefix of a valid log: whatever killed
+//! its writer, everything up to the last flush is readable and can be mended.
+
+mod error;
+mod header;
+mod sink;
+pub mod writer;
+
+pub use error::LogError;
+pub use header::{LogHeader, Source, text_hash};
+pub use writer::{LogWriter, WriteStats};
