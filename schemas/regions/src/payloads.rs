@@ -280,7 +280,7 @@ payload! {
         compute_s: f64 One "s",
         /// End of the step after the start of the tick.
         done_s: f64 One "s",
-        /// Rig only: the command's arrival before the output phase, negative when late.
+        /// Time left before what was published is used, negative when late; NaN for the rig.
         margin_s: f64 One "s",
         /// Rig only: start of the output phase's work after the phase.
         output_lateness_s: f64 One "s",
