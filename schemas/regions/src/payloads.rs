@@ -20,7 +20,7 @@ payload! {
         request_count: u64 One "1",
         /// 1 while the emergency stop is pressed.
         emergency_stop: u64 One "1",
-        /// First tick that is no longer part of the run.
+        /// First tick that is no longer part of the run, u64::MAX while that is open.
         end_tick: u64 One "1",
         /// 1 for each service that is alive.
         alive: u64 Service "1",
@@ -302,7 +302,9 @@ payload! {
     LoggerStatus version 1 {
         /// Tick this was published for.
         tick: u64 One "1",
-        /// Ticks up to here are in the file of each region.
+        /// Ticks below this one are read of each region that is written every tick.
+        read_tick: u64 One "1",
+        /// Ticks below this one are flushed to the file.
         written_tick: u64 One "1",
         /// Messages written.
         message_count: u64 One "1",
@@ -387,4 +389,13 @@ pub mod rig_flags {
     pub const REFUSED_COMMAND: u64 = 1 << 3;
     /// The plant is virtual.
     pub const VIRTUAL: u64 = 1 << 4;
+}
+
+/// Bench states by the code of [`RigStatus::state`].
+pub const STATE_NAMES: [&str; 9] =
+    ["off", "idle", "armed", "starting", "running", "holding", "resuming", "stopping", "tripped"];
+
+/// Name of a bench state's code.
+pub fn state_name(code: u64) -> &'static str {
+    usize::try_from(code).ok().and_then(|code| STATE_NAMES.get(code)).copied().unwrap_or("unknown")
 }

@@ -1,1 +1,268 @@
-//! The logger: reads the table, writes the log.
+//! The logger: a reader of the table that writes the log. It may lag seconds, die and come back.
+//!
+//! It keeps its place in each region by tick and reads the history, so it adds nothing to the 1 ms path. A
+//! restarted logger goes on from the last tick its predecessor had flushed, in a file of its own: the set
+//! of both has no gap as long as it was away for less than the table's history.
+//!
+//! Events (state changes, trips, late commands, restarts, losses) are derived here from the regions, so
+//! that they cannot disagree with them.
+
+use record::LogWriter;
+use regions::{ALL, Bench, LoggerStatus, NO_TICK, Payload, RegionId, RigStatus};
+use runtime::clock::{self, Nanos};
+use table::{Read, RegionReader, RegionWriter, Table, TableError};
+
+/// Flush interval: what a killed logger loses at most. [ns]
+pub const FLUSH_NS: Nanos = 50_000_000;
+
+/// Most ticks of one region read in one go, so that no region falls behind the others.
+const BATCH: u64 = 256;
+
+/// Regions that are written every tick: what the log's completeness is judged by.
+const DENSE: [RegionId; 4] =
+    [RegionId::RigMeasurement, RegionId::VehicleState, RegionId::SuspensionState, RegionId::RigStatus];
+
+struct Track {
+    id: RegionId,
+    reader: RegionReader,
+    next: u64,
+    words: Box<[u64]>,
+    dense: bool,
+}
+
+/// What is watched for events.
+#[derive(Default)]
+struct Watch {
+    state: Option<u64>,
+    trip_code: u64,
+    late_commands: u64,
+    restarts: [u64; 4],
+    lost: u64,
+}
+
+/// A logger at work.
+pub struct Logger {
+    tracks: Vec<Track>,
+    log: LogWriter,
+    status_writer: RegionWriter,
+    status: LoggerStatus,
+    sequence: u64,
+    end_tick: u64,
+    flushed: Nanos,
+    watch: Watch,
+}
+
+/// What a finished logger leaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finished {
+    /// Messages written.
+    pub messages: u64,
+    /// Ticks lost because they were overwritten before they were read.
+    pub lost: u64,
+    /// Ticks that their writers never published.
+    pub missing: u64,
+    /// Writes the disk refused.
+    pub write_errors: u64,
+    /// Size of the file. [B]
+    pub bytes: u64,
+}
+
+impl Logger {
+    /// Attaches to the table and takes up where a dead predecessor had flushed.
+    ///
+    /// # Errors
+    /// [`TableError`] when another logger is alive.
+    pub fn new(table: &Table, log: LogWriter) -> Result<Self, TableError> {
+        let status_writer = table.claim_writer(RegionId::LoggerStatus as usize)?;
+        let mut status = LoggerStatus::absent();
+        let reader = status_writer.reader();
+        let resumed = reader.latest(reader.head(), status.words_mut()).is_some();
+        let sequence = reader.head();
+        let first = if resumed { status.written_tick } else { 0 };
+        let tracks = ALL
+            .iter()
+            .filter(|id| id.region().logged())
+            .map(|&id| Track {
+                id,
+                reader: table.reader(id as usize).clone(),
+                next: first,
+                words: vec![0; id.region().layout.words()].into(),
+                dense: DENSE.contains(&id),
+            })
+            .collect();
+        status.read_tick = first;
+        let mut logger = Logger {
+            tracks,
+            log,
+            status_writer,
+            status,
+            sequence,
+            end_tick: NO_TICK,
+            flushed: 0,
+            watch: Watch::default(),
+        };
+        if resumed {
+            logger.log.event(first, "logger_restarted", format!("goes on at tick {first}"));
+        }
+        logger.publish();
+        Ok(logger)
+    }
+
+    /// Reads and writes what has come since the last call. Returns the number of messages.
+    pub fn drain(&mut self) -> u64 {
+        let mut messages = 0;
+        for track in &mut self.tracks {
+            let head = track.reader.head();
+            // A logger that was away for longer than the history loses what was overwritten: counted below.
+            let kept = head.saturating_sub(track.reader.depth() as u64);
+            if track.next < kept {
+                if track.dense {
+                    self.status.lost_count += kept - track.next;
+                }
+                track.next = kept;
+            }
+            for n in track.next..head.min(track.next + BATCH) {
+                match track.reader.read(n, &mut track.words) {
+                    Read::Ready => {
+                        self.log.write(track.id, n, &track.words);
+                        observe(&mut self.watch, &mut self.end_tick, &mut self.log, track.id, n, &track.words);
+                        messages += 1;
+                    }
+                    Read::Missing if track.dense => self.status.missing_count += 1,
+                    Read::Overwritten if track.dense => self.status.lost_count += 1,
+                    Read::Missing | Read::Overwritten => {}
+                    Read::NotYet => break,
+                }
+                track.next = n + 1;
+            }
+        }
+        let read = self.tracks.iter().filter(|t| t.dense).map(|t| t.next).min().unwrap_or(0);
+        let progressed = read != self.status.read_tick;
+        self.status.read_tick = read;
+        if self.status.lost_count > self.watch.lost {
+            let lost = self.status.lost_count - self.watch.lost;
+            self.watch.lost = self.status.lost_count;
+            self.log.event(read, "log_lost_ticks", lost);
+        }
+        if progressed {
+            self.publish();
+        }
+        messages
+    }
+
+    /// Hands everything to the system if the flush interval is over at `now`. [ns]
+    pub fn flush_if_due(&mut self, now: Nanos) {
+        if now.saturating_sub(self.flushed) >= FLUSH_NS {
+            self.log.flush();
+            self.flushed = now;
+            self.status.written_tick = self.status.read_tick;
+            self.publish();
+        }
+    }
+
+    /// Ticks below this one have been read of every dense region.
+    pub fn read_tick(&self) -> u64 {
+        self.status.read_tick
+    }
+
+    /// Whether all ticks of the run are read.
+    pub fn complete(&self) -> bool {
+        self.end_tick != NO_TICK && self.status.read_tick >= self.end_tick
+    }
+
+    /// Whether the run has an end that is already in the past by `grace` ticks of the newest region.
+    pub fn end_tick(&self) -> Option<u64> {
+        (self.end_tick != NO_TICK).then_some(self.end_tick)
+    }
+
+    /// Ends the log in order.
+    pub fn finish(mut self) -> Finished {
+        while self.drain() > 0 {}
+        self.status.written_tick = self.status.read_tick;
+        let stats = self.log.stats();
+        self.status.write_error_count = stats.write_errors;
+        self.publish();
+        // What could not be written is in the counts; the file up to there is readable.
+        let stats = self.log.finish().unwrap_or(stats);
+        Finished {
+            messages: stats.messages,
+            lost: self.status.lost_count,
+            missing: self.status.missing_count,
+            write_errors: stats.write_errors + stats.refused,
+            bytes: stats.bytes,
+        }
+    }
+
+    fn publish(&mut self) {
+        let stats = self.log.stats();
+        self.status.tick = self.status.read_tick;
+        self.status.message_count = stats.messages;
+        self.status.write_error_count = stats.write_errors;
+        self.status.byte_count = stats.bytes;
+        // The status has a count of its own for a tick: it is published when there is news, not each tick.
+        if self.status_writer.publish(self.sequence, self.status.words()).is_ok() {
+            self.sequence += 1;
+        }
+    }
+}
+
+fn observe(watch: &mut Watch, end_tick: &mut u64, log: &mut LogWriter, id: RegionId, n: u64, words: &[u64]) {
+    match id {
+        RegionId::Bench => {
+            let mut bench = Bench::absent();
+            bench.words_mut().copy_from_slice(words);
+            *end_tick = bench.end_tick;
+            for (service, (&now, before)) in bench.restarts.iter().zip(&mut watch.restarts).enumerate() {
+                if now > *before {
+                    *before = now;
+                    log.event(n, "service_restarted", regions::Axis::Service.label(service));
+                }
+            }
+        }
+        RegionId::RigStatus => {
+            let mut status = RigStatus::absent();
+            status.words_mut().copy_from_slice(words);
+            if watch.state != Some(status.state) {
+                watch.state = Some(status.state);
+                log.event(n, "state", regions::state_name(status.state));
+            }
+            if status.trip_code != watch.trip_code {
+                watch.trip_code = status.trip_code;
+                log.event(
+                    n,
+                    "trip",
+                    serde_json::json!({"code": status.trip_code, "tick": status.trip_tick,
+                        "limit": status.trip_limit, "value": status.trip_value}),
+                );
+            }
+            if status.late_command_count > watch.late_commands {
+                let late = status.late_command_count - watch.late_commands;
+                watch.late_commands = status.late_command_count;
+                log.event(n, "late_command", late);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Runs a logger until the run is over, `stop` says so, or nothing has come for `idle_max_ns` after the end.
+pub fn run(mut logger: Logger, poll_ns: Nanos, mut stop: impl FnMut() -> bool) -> Finished {
+    let mut last_news = clock::now();
+    loop {
+        let messages = logger.drain();
+        let now = clock::now();
+        logger.flush_if_due(now);
+        if logger.complete() || stop() {
+            return logger.finish();
+        }
+        if messages > 0 {
+            last_news = now;
+            continue;
+        }
+        // The end is known but a service died short of it: what there is, is all there will be.
+        if logger.end_tick().is_some() && now - last_news > 2 * clock::SECOND {
+            return logger.finish();
+        }
+        clock::sleep_until(now + poll_ns, 0);
+    }
+}

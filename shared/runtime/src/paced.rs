@@ -101,7 +101,7 @@ pub fn follow(
     mut end: impl FnMut(u64) -> bool,
 ) -> Result<u64, TickError> {
     let mut clockwork = Clockwork::new(table, timing, grid)?;
-    let trigger = bound.spec(0).reads.iter().filter(|r| r.when == crate::When::SameTick).last();
+    let trigger = bound.spec(0).reads.iter().rfind(|r| r.when == crate::When::SameTick);
     let trigger = trigger.map(|read| read.region);
     let Some(trigger) = trigger.and_then(|region| bound.reader(0, region).cloned()) else {
         return Ok(first);
