@@ -54,13 +54,13 @@ pub struct LogHeader {
 impl LogHeader {
     /// Period of a tick. [s]
     pub fn period_s(&self) -> f64 {
-        self.period_ns as f64 * 1e-9
+        self.period_ns as f64 / 1e9
     }
 
     /// Start of a tick since tick 0. [s]
     pub fn time_s(&self, tick: u64) -> f64 {
-        // The product in integers first: n·T in seconds is then the nearest double, not an accumulated one.
-        (u128::from(tick) * u128::from(self.period_ns)) as f64 * 1e-9
+        // The product in integers, then one division (1e-9 is no double): the nearest double to n·T.
+        (u128::from(tick) * u128::from(self.period_ns)) as f64 / 1e9
     }
 
     /// Time stamp of a tick in the log. [ns]
@@ -142,6 +142,7 @@ mod tests {
     fn times_do_not_accumulate() {
         let header = LogHeader { period_ns: 1_000_000, wall_start_ns: 7, ..LogHeader::default() };
         assert_eq!(header.time_s(123_456_789), 123_456.789);
+        assert!((0..10_000).all(|n| header.time_s(n).to_string() == format!("{}", n as f64 / 1000.0)));
         assert_eq!(header.log_time_ns(3), 3_000_007);
         assert_eq!(LogHeader { lockstep: true, ..header }.log_time_ns(3), 3_000_000);
     }

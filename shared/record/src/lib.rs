@@ -4,13 +4,23 @@
 //! message per tick, each the region's words behind a 4-byte CDR header, with a ROS 2 message definition, so
 //! that MCAP tools read it as it is. Events are JSON on `/events`. The resolved configuration, its hash and
 //! sources travel along as attachments. A file is at every moment a prefix of a valid log: whatever killed
-//! its writer, everything up to the last flush is readable and can be mended.
+//! its writer, everything up to the last flush is readable ([`LogReader`]) and can be mended ([`recover`]).
 
+pub mod compare;
 mod error;
+pub mod export;
 mod header;
+pub mod reader;
+pub mod recover;
+pub mod scan;
 mod sink;
 pub mod writer;
 
+pub use compare::{Difference, compare};
 pub use error::LogError;
+pub use export::{CsvOptions, export_csv};
 pub use header::{LogHeader, Source, text_hash};
+pub use reader::{Event, LogColumn, LogFile, LogReader, RegionLog, Signal, log_files};
+pub use recover::{RecoverReport, recover};
+pub use scan::ScanReport;
 pub use writer::{LogWriter, WriteStats};

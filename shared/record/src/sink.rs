@@ -14,6 +14,18 @@ pub const BACKLOG_BYTES: usize = 64 << 20;
 /// Bytes collected before they are handed to the system without a flush.
 const COLLECT_BYTES: usize = 256 << 10;
 
+/// What a log is written to.
+pub(crate) trait Medium: Write + Send {
+    /// Waits until the bytes survive loss of power.
+    fn sync_data(&self) -> io::Result<()>;
+}
+
+impl Medium for std::fs::File {
+    fn sync_data(&self) -> io::Result<()> {
+        std::fs::File::sync_data(self)
+    }
+}
+
 /// A writer that never loses the order of bytes and never fails before its backlog is full.
 pub(crate) struct Sink<F: Write> {
     file: F,

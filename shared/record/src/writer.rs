@@ -7,7 +7,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::OpenOptions;
 use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use regions::{ALL, Kind, REGIONS, Region, RegionId};
 
 use crate::error::LogError;
 use crate::header::{CONFIGURATION_ATTACHMENT, HEADER_ATTACHMENT, LogHeader, METADATA_NAME, SOURCE_PREFIX};
-use crate::sink::{BACKLOG_BYTES, SharedSink, Sink};
+use crate::sink::{BACKLOG_BYTES, Medium, SharedSink, Sink};
 
 /// Topic of the events.
 pub const EVENTS_TOPIC: &str = "/events";
@@ -51,8 +51,8 @@ pub struct WriteStats {
 pub struct LogWriter {
     path: PathBuf,
     // None once a write has failed for good: nothing may follow a gap.
-    writer: Option<Writer<SharedSink<File>>>,
-    sink: SharedSink<File>,
+    writer: Option<Writer<SharedSink<Box<dyn Medium>>>>,
+    sink: SharedSink<Box<dyn Medium>>,
     channels: [u16; REGIONS.len()],
     events_channel: u16,
     header: LogHeader,
@@ -68,14 +68,6 @@ impl LogWriter {
     /// [`LogError::Exists`] for anything that is there already, [`LogError::Io`] if the file cannot be made
     /// or its head cannot be written.
     pub fn create(path: &Path, header: &LogHeader) -> Result<LogWriter, LogError> {
-        Self::create_with_backlog(path, header, BACKLOG_BYTES)
-    }
-
-    pub(crate) fn create_with_backlog(
-        path: &Path,
-        header: &LogHeader,
-        backlog: usize,
-    ) -> Result<LogWriter, LogError> {
         // create_new also refuses a dangling symbolic link and whatever else has the name.
         let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|error| match error
             .kind()
@@ -83,8 +75,7 @@ impl LogWriter {
             std::io::ErrorKind::AlreadyExists => LogError::Exists(path.to_owned()),
             _ => LogError::io(path, "create the log", error),
         })?;
-        let sink = SharedSink::new(Sink::new(file, backlog));
-        let made = Self::write_head(path, header, sink);
+        let made = Self::create_on(Box::new(file), BACKLOG_BYTES, path, header);
         if made.is_err() {
             // A head that could not be written is no log: leave nothing half-written. Best effort.
             let _ = std::fs::remove_file(path);
@@ -92,7 +83,13 @@ impl LogWriter {
         made
     }
 
-    fn write_head(path: &Path, header: &LogHeader, sink: SharedSink<File>) -> Result<LogWriter, LogError> {
+    fn create_on(
+        medium: Box<dyn Medium>,
+        backlog: usize,
+        path: &Path,
+        header: &LogHeader,
+    ) -> Result<LogWriter, LogError> {
+        let sink = SharedSink::new(Sink::new(medium, backlog));
         let failed = |error: mcap::McapError| {
             LogError::io(path, "write the head of the log", std::io::Error::other(error.to_string()))
         };
@@ -339,4 +336,90 @@ fn add_region<W: Write + Seek>(writer: &mut Writer<W>, region: &Region) -> mcap:
         ("columns".to_owned(), serde_json::to_string(&columns).unwrap_or_default()),
     ]);
     writer.add_channel(schema, &format!("/{}", region.name), "cdr", &metadata)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::{Item, scan_stream};
+    use std::io;
+    use std::sync::{Arc, Mutex};
+
+    /// A disk with room for so many bytes, seen from outside.
+    #[derive(Clone)]
+    struct Disk(Arc<Mutex<(Vec<u8>, usize)>>);
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let (written, room) = &mut *self.0.lock().unwrap();
+            let taken = bytes.len().min(*room - written.len());
+            written.extend_from_slice(&bytes[..taken]);
+            if taken == 0 { Err(io::ErrorKind::StorageFull.into()) } else { Ok(taken) }
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Medium for Disk {
+        fn sync_data(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    fn words(tick: u64) -> Vec<u64> {
+        let mut words: Vec<u64> = (0..RegionId::Bench.region().layout.words() as u64)
+            .map(|i| (tick * 17 + i).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+            .collect();
+        words[0] = tick;
+        words
+    }
+
+    /// Writes ticks with a flush each, giving the disk more room after half of them.
+    fn run(
+        room: usize,
+        later: usize,
+        backlog: usize,
+    ) -> (Result<WriteStats, LogError>, WriteStats, Vec<u64>, bool) {
+        let disk = Disk(Arc::new(Mutex::new((Vec::new(), room))));
+        let header = LogHeader { period_ns: 1_000_000, ..LogHeader::default() };
+        let mut log =
+            LogWriter::create_on(Box::new(disk.clone()), backlog, Path::new("disk"), &header).unwrap();
+        for tick in 0..400 {
+            if tick == 200 {
+                disk.0.lock().unwrap().1 = later;
+            }
+            log.write(RegionId::Bench, tick, &words(tick));
+            log.flush();
+        }
+        let stats = log.stats();
+        let finished = log.finish();
+        let bytes = disk.0.lock().unwrap().0.clone();
+        let mut ticks = Vec::new();
+        let mut collect = |item: Item<'_>| {
+            if let Item::Message(.., data) = item {
+                ticks.push(u64::from_le_bytes(data[4..12].try_into().unwrap()));
+            }
+        };
+        let report = scan_stream(io::Cursor::new(bytes), &mut collect).ok().unwrap();
+        (finished, stats, ticks, report.finished)
+    }
+
+    #[test]
+    fn a_disk_full_for_a_while_leaves_no_gap() {
+        let (finished, stats, ticks, ended) = run(45_000, 1 << 30, 1 << 20);
+        assert!(stats.write_errors > 10, "{stats:?}");
+        assert_eq!((stats.refused, stats.messages), (0, 400));
+        assert!(finished.is_ok() && ended);
+        assert_eq!(ticks, (0..400).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_disk_that_stays_full_keeps_what_was_written() {
+        let (finished, stats, ticks, ended) = run(60_000, 60_000, 20_000);
+        assert!(finished.unwrap_err().to_string().contains("end the log"));
+        assert!(stats.refused > 0 && stats.messages + stats.refused == 400, "{stats:?}");
+        assert!(!ended && ticks.len() > 50, "{}", ticks.len());
+        assert_eq!(ticks, (0..ticks.len() as u64).collect::<Vec<_>>(), "a prefix");
+    }
 }
