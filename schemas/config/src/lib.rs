@@ -6,12 +6,25 @@
 //! nothing else: no file, no TOML, no default that hides a missing value.
 
 pub mod axle;
+pub mod bench;
 pub mod car;
 pub mod check;
+pub mod library;
+pub mod load;
+pub mod problem;
+pub mod record;
 pub mod rig;
 pub mod road;
 pub mod scenario;
 pub mod steer;
+pub mod tree;
 pub mod unit;
+pub mod unit_name;
+mod validate;
 
+pub use bench::{ResolvedBench, TextFile};
 pub use check::{Broken, Check, Checker};
+pub use library::{Kind, Library};
+pub use load::{Loaded, Section, load, load_with, schema_json};
+pub use problem::{Mistake, Problems, Violation};
+pub use record::{MeasuredSignal, RecordedHistory, TimeSeries};

@@ -24,7 +24,7 @@ pub use crate::steer::{
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
     /// Short name, used for the run's directory. Letters, digits, `_` and `-`, 1 to 60 of them.
-    #[schemars(regex(pattern = r"^[A-Za-z0-9_-]{1,60}$"))]
+    #[schemars(length(min = 1, max = 60))]
     pub name: String,
     /// What the run shows, in a sentence or two.
     pub description: String,
@@ -315,6 +315,8 @@ impl Scenario {
 
 impl Check for Scenario {
     fn check(&self, c: &mut Checker) {
+        let plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '_' || letter == '-';
+        c.require(self.name.chars().all(plain), "name", "must consist of letters, digits, `_` and `-`");
         c.require(self.warm_up_s < self.duration_s, "warm_up_s", "must be shorter than duration_s");
         c.within("timing", |c| {
             let t = &self.timing;

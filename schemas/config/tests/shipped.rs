@@ -1,0 +1,52 @@
+//! Every shipped file loads, and says what it should.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+
+use config::axle::Axle;
+use config::car::Car;
+use config::rig::Rig;
+use config::scenario::Scenario;
+use config::unit::SteeringUnit;
+use config::{Kind, Library, Section, load};
+
+fn all_load<T: Section>() -> usize {
+    let files = Library::list(T::KIND);
+    for file in &files {
+        if let Err(problems) = load::<T>(file.name) {
+            panic!("{} does not load:\n{problems}", file.file_name);
+        }
+    }
+    files.len()
+}
+
+#[test]
+fn every_shipped_file_loads() {
+    assert!(all_load::<Scenario>() >= 12);
+    assert!(all_load::<Axle>() >= 2);
+    assert!(all_load::<Rig>() >= 1);
+    assert!(all_load::<SteeringUnit>() >= 1);
+    all_load::<Car>();
+}
+
+#[test]
+fn shared_parts_and_notes_are_not_listed() {
+    let names: Vec<_> = Library::list(Kind::Scenario).into_iter().map(|file| file.name).collect();
+    assert!(names.contains(&"growing_slalom_80"));
+    assert!(!names.iter().any(|name| name.starts_with('_') || *name == "README"));
+}
+
+#[test]
+fn a_scenario_is_called_as_its_file() {
+    for file in Library::list(Kind::Scenario) {
+        let scenario = load::<Scenario>(file.name).unwrap().value;
+        assert_eq!(scenario.name, file.name);
+    }
+}
+
+#[test]
+fn a_section_written_out_loads_as_the_same() {
+    let loaded = load::<Scenario>("growing_slalom_80").unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("out.toml");
+    std::fs::write(&path, toml::to_string(&loaded.value).unwrap()).unwrap();
+    assert_eq!(load::<Scenario>(path.to_str().unwrap()).unwrap().value, loaded.value);
+}
