@@ -148,7 +148,7 @@ impl<R: Read + Seek> Scanner<R> {
 
     /// The first place from `from` on that looks like a chunk.
     fn find_chunk(&mut self, from: u64) -> io::Result<Option<u64>> {
-        const BLOCK: usize = 1 << 20;
+        const BLOCK: usize = 1 << 16;
         let mut block = vec![0; BLOCK];
         let mut start = from + SIGNATURE_OFFSET;
         while start + SIGNATURE.len() as u64 <= self.len {
@@ -205,7 +205,7 @@ pub fn scan(path: &Path, mut visit: impl FnMut(Item<'_>)) -> Result<ScanReport, 
         return Err(LogError::NotRegularFile(path.to_owned()));
     }
     let file = File::open(path).map_err(|error| LogError::io(path, "open the log", error))?;
-    scan_stream(io::BufReader::with_capacity(1 << 20, file), &mut visit).map_err(|error| match error {
+    scan_stream(io::BufReader::with_capacity(1 << 18, file), &mut visit).map_err(|error| match error {
         ScanError::Io(error) => LogError::io(path, "read the log", error),
         ScanError::NotMcap => LogError::NotALog {
             path: path.to_owned(),
