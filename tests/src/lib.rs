@@ -1,1 +1,5 @@
-//! Tests across the whole bench.
+//! Tests across the whole bench: layering, lockstep, processes, faults, command line.
+//!
+//! What several of them need stands in [`support`].
+
+pub mod support;

@@ -7,6 +7,10 @@
 //! Events (state changes, trips, late commands, restarts, losses) are derived here from the regions, so
 //! that they cannot disagree with them.
 
+mod service;
+
+pub use service::{create_log, serve};
+
 use record::LogWriter;
 use regions::{ALL, Bench, LoggerStatus, NO_TICK, Payload, RegionId, RigStatus};
 use runtime::clock::{self, Nanos};

@@ -1,1 +1,201 @@
-//! The supervisor: starts, watches and ends the services of a bench.
+//! The supervisor: makes the table, starts the services, watches them, restarts the dead, ends the run.
+//!
+//! It stands outside the loop. The rig needs it for nothing but the wish to start and stop: when it dies,
+//! the rig goes on, stops safely when nobody has come for ten seconds, and the others end.
+//!
+//! [`run`] drives one run to its end: paced or in lockstep as the process set ([`set`]), or in lockstep in
+//! this process ([`chain`]).
+
+mod chain;
+mod children;
+mod plan;
+mod set;
+
+pub use children::{Change, Children, SERVICES};
+pub use plan::{RunPlan, request};
+
+use assembly::manifest::{Drive, Manifest, ManifestError};
+use assembly::{AssemblyError, service::ServiceError};
+use config::ResolvedBench;
+use regions::{LoggerStatus, Payload, RegionId, RigStatus};
+use runtime::TickError;
+use runtime::clock::{self, Nanos};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use table::{RegionReader, Table, TableError};
+
+/// How a run is to be driven.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// The process set by the wall clock.
+    Paced,
+    /// Lockstep in this process.
+    LockstepProcess,
+    /// Lockstep as the process set.
+    LockstepSet,
+}
+
+/// A run to be made.
+#[derive(Debug)]
+pub struct Run {
+    /// Name of the bench.
+    pub bench: table::Bench,
+    /// Resolved configuration.
+    pub resolved: ResolvedBench,
+    /// Directory for the run's files; exists.
+    pub directory: PathBuf,
+    /// How.
+    pub mode: Mode,
+    /// Wait this long before starting a dead service again. [ns]
+    pub restart_delay_ns: Nanos,
+    /// Versions for the log's header.
+    pub versions: BTreeMap<String, String>,
+}
+
+/// Who wants to see how a run goes.
+pub trait Observer {
+    /// Ticks done of all.
+    fn progress(&mut self, done: u64, all: u64, status: &RigStatus);
+    /// Something worth a line.
+    fn note(&mut self, line: &str);
+}
+
+/// How a run ended.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Ticks run.
+    pub ticks: u64,
+    /// Wall time from tick 0 to the end. [s]
+    pub wall_s: f64,
+    /// Period. [s]
+    pub period_s: f64,
+    /// Ended early on request.
+    pub interrupted: bool,
+    /// The rig's last word.
+    pub last_status: RigStatus,
+    /// Restarts by service.
+    pub restarts: [u64; 4],
+    /// A service that was given up, and how it died.
+    pub given_up: Option<String>,
+    /// The logger's last word.
+    pub logged: LoggerStatus,
+}
+
+/// Why a run could not be made.
+#[derive(Debug)]
+pub enum RunError {
+    /// The bench is in use, or its memory cannot be had.
+    Table(TableError),
+    /// The configuration cannot be built.
+    Assembly(AssemblyError),
+    /// Files.
+    Io(PathBuf, std::io::Error),
+    /// The manifest.
+    Manifest(ManifestError),
+    /// The log.
+    Log(record::LogError),
+    /// A service ended before the run began.
+    ServiceEnded {
+        /// Which.
+        service: &'static str,
+        /// How.
+        how: String,
+        /// What it said.
+        said: String,
+    },
+    /// The services did not get ready in time.
+    NotReady {
+        /// Regions nobody claimed.
+        unclaimed: Vec<&'static str>,
+    },
+    /// Lockstep broke off.
+    Tick(TickError),
+    /// A service in this process.
+    Service(ServiceError),
+}
+
+impl std::fmt::Display for RunError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            RunError::Table(e) => write!(f, "{e}"),
+            RunError::Assembly(e) => write!(f, "{e}"),
+            RunError::Io(path, e) => write!(f, "{}: {e}", path.display()),
+            RunError::Manifest(e) => write!(f, "{e}"),
+            RunError::Log(e) => write!(f, "{e}"),
+            RunError::ServiceEnded { service, how, said } => {
+                write!(f, "service {service} ended before the run began ({how})\n{said}")
+            }
+            RunError::NotReady { unclaimed } => {
+                write!(f, "services not ready: nobody claimed {}", unclaimed.join(", "))
+            }
+            RunError::Tick(e) => write!(f, "{e}"),
+            RunError::Service(e) => write!(f, "{e}"),
+        }
+    }
+}
+
+impl std::error::Error for RunError {}
+
+/// Makes a run from beginning to end. `interrupt` asks for an early, soft stop.
+///
+/// # Errors
+/// [`RunError`]; nothing is left behind in shared memory.
+pub fn run(run: &Run, interrupt: &AtomicBool, observer: &mut dyn Observer) -> Result<Outcome, RunError> {
+    match run.mode {
+        Mode::LockstepProcess => chain::run(run, interrupt, observer),
+        Mode::Paced => set::run(run, Drive::Paced, interrupt, observer),
+        Mode::LockstepSet => set::run(run, Drive::Lockstep, interrupt, observer),
+    }
+}
+
+impl Run {
+    fn manifest(&self, drive: Drive) -> Manifest {
+        let wall_start_ns = clock::wall_now();
+        Manifest {
+            bench: self.bench.name().as_str().to_owned(),
+            run_id: match drive {
+                // Numbers that differ from run to run stay out of lockstep logs.
+                Drive::Lockstep => 1,
+                Drive::Paced => wall_start_ns,
+            },
+            drive,
+            directory: self.directory.clone(),
+            wall_start_ns,
+            monotonic_start_ns: clock::now(),
+            versions: self.versions.clone(),
+            resolved: self.resolved.clone(),
+        }
+    }
+
+    fn plan(&self) -> RunPlan {
+        let scenario = &self.resolved.scenario;
+        RunPlan::new(scenario.ticks(), scenario.timing.period_s(), self.resolved.rig.limits.stop_fade_s)
+    }
+}
+
+/// Eyes on the rig and the logger.
+struct Watchers {
+    rig: RegionReader,
+    logger: RegionReader,
+    status: RigStatus,
+    logged: LoggerStatus,
+}
+
+impl Watchers {
+    fn new(table: &Table) -> Self {
+        let mut status = RigStatus::absent();
+        status.tick = 0;
+        Watchers {
+            rig: table.reader(RegionId::RigStatus as usize).clone(),
+            logger: table.reader(RegionId::LoggerStatus as usize).clone(),
+            status,
+            logged: LoggerStatus::absent(),
+        }
+    }
+
+    fn look(&mut self) {
+        self.rig.latest(self.rig.head(), self.status.words_mut());
+        self.logger.latest(self.logger.head(), self.logged.words_mut());
+    }
+}

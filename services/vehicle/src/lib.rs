@@ -1,1 +1,13 @@
-//! The vehicle service.
+//! The vehicle service: steps the car on the rack the rig measured, and writes its state.
+
+use assembly::ServiceKind;
+use assembly::service::{ServiceError, serve};
+use table::Bench;
+
+/// Runs the service of a bench to the end of the run. Notes of what the host refused go to `note`.
+///
+/// # Errors
+/// [`ServiceError`].
+pub fn run(bench: &Bench, note: impl FnMut(&str)) -> Result<(), ServiceError> {
+    serve(ServiceKind::Vehicle, bench, note)
+}

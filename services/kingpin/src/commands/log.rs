@@ -1,0 +1,133 @@
+//! `report`, `recover`, `export`, `compare`: what is done with a log afterwards.
+
+use crate::args::{CompareArgs, ExportArgs, ExportFormat, RecoverArgs, ReportArgs};
+use crate::exit::Exit;
+use crate::output;
+use record::{CsvOptions, LogError, LogReader};
+use serde_json::json;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+fn failed(error: impl std::fmt::Display) -> Exit {
+    output::note(error);
+    Exit::BadInput
+}
+
+/// Directory in which a run's or a log's other files go.
+fn beside(run: &Path) -> PathBuf {
+    if run.is_dir() {
+        run.to_owned()
+    } else {
+        run.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned()
+    }
+}
+
+/// Writes a file whole or not at all.
+pub fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), String>) -> Result<(), String> {
+    let mut draft = path.as_os_str().to_owned();
+    draft.push(".tmp");
+    let draft = PathBuf::from(draft);
+    let written = std::fs::File::create(&draft)
+        .map_err(|e| e.to_string())
+        .and_then(|file| {
+            let mut buffered = BufWriter::new(file);
+            write(&mut buffered)?;
+            buffered.flush().map_err(|e| e.to_string())
+        })
+        .and_then(|()| std::fs::rename(&draft, path).map_err(|e| e.to_string()));
+    if let Err(error) = written {
+        let _ = std::fs::remove_file(&draft);
+        return Err(format!("{}: {error}", path.display()));
+    }
+    Ok(())
+}
+
+/// `kingpin report`.
+pub fn report(args: &ReportArgs) -> Exit {
+    let log = match LogReader::open(&args.run) {
+        Ok(log) => log,
+        Err(error) => return failed(error),
+    };
+    let path = args.output.clone().unwrap_or_else(|| beside(&args.run).join("report.html"));
+    match super::summary::write_report(&log, &path) {
+        Ok(summary) => {
+            if args.json {
+                output::json(&serde_json::to_value(&summary).unwrap_or_default());
+            } else {
+                output::line(path.display());
+            }
+            Exit::Done
+        }
+        Err(error) => failed(error),
+    }
+}
+
+/// `kingpin recover`.
+pub fn recover(args: &RecoverArgs) -> Exit {
+    let output = args.output.clone().unwrap_or_else(|| args.log.with_extension("recovered.mcap"));
+    match record::recover(&args.log, &output) {
+        Ok(report) => {
+            if args.json {
+                output::json(&serde_json::to_value(&report).unwrap_or_default());
+            } else {
+                output::line(format!(
+                    "{}: {} messages and {} events saved, {} bytes could not be read",
+                    output.display(),
+                    report.messages,
+                    report.events,
+                    report.bytes_dropped
+                ));
+                for (region, tick) in &report.last_tick {
+                    output::line(format!("  {region}: up to tick {tick}"));
+                }
+            }
+            Exit::Done
+        }
+        Err(error) => failed(error),
+    }
+}
+
+/// `kingpin export`.
+pub fn export(args: &ExportArgs) -> Exit {
+    if args.every == 0 {
+        return failed("--every = 0: must be 1 or more");
+    }
+    let log = match LogReader::open(&args.run) {
+        Ok(log) => log,
+        Err(error) => return failed(error),
+    };
+    let ExportFormat::Csv = args.format;
+    let path = args.output.clone().unwrap_or_else(|| beside(&args.run).join("log.csv"));
+    let options = CsvOptions { selection: args.select.clone(), decimation: args.every, unit_row: false };
+    let mut rows = 0;
+    let written = write_whole(&path, |out| {
+        rows = record::export_csv(&log, &options, out).map_err(|e: LogError| e.to_string())?;
+        Ok(())
+    });
+    match written {
+        Ok(()) => {
+            output::line(format!("{}: {rows} rows", path.display()));
+            Exit::Done
+        }
+        Err(error) => failed(error),
+    }
+}
+
+/// `kingpin compare`.
+pub fn compare(args: &CompareArgs) -> Exit {
+    let (a, b) = match (LogReader::open(&args.a), LogReader::open(&args.b)) {
+        (Ok(a), Ok(b)) => (a, b),
+        (Err(error), _) | (_, Err(error)) => return failed(error),
+    };
+    let differences = record::compare(&a, &b);
+    if args.json {
+        output::json(&json!({ "identical": differences.is_empty(), "differences": differences }));
+    } else if differences.is_empty() {
+        output::line("bit-identical in every region that two lockstep runs must agree on");
+    } else {
+        for difference in &differences {
+            output::line(difference);
+        }
+    }
+    if differences.is_empty() { Exit::Done } else { Exit::Failed }
+}

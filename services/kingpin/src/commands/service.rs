@@ -1,0 +1,31 @@
+//! The services' entry. What they say goes to the file the supervisor gave them.
+
+use crate::args::{ServiceArgs, ServiceName};
+use crate::exit::Exit;
+use crate::output;
+use table::Bench;
+
+/// Runs one service.
+pub fn service(args: &ServiceArgs) -> Exit {
+    let bench = match Bench::new(&args.bench) {
+        Ok(bench) => bench,
+        Err(error) => {
+            output::note(error);
+            return Exit::BadInput;
+        }
+    };
+    let note = |line: &str| output::note(line);
+    let done = match args.service {
+        ServiceName::Rig => rig_service::run(&bench, note).map_err(|e| e.to_string()),
+        ServiceName::Vehicle => vehicle_service::run(&bench, note).map_err(|e| e.to_string()),
+        ServiceName::Multibody => multibody_service::run(&bench, note).map_err(|e| e.to_string()),
+        ServiceName::Logger => logger::serve(&bench, note).map(drop).map_err(|e| e.to_string()),
+    };
+    match done {
+        Ok(()) => Exit::Done,
+        Err(error) => {
+            output::note(format!("{:?}: {error}", args.service));
+            Exit::Failed
+        }
+    }
+}

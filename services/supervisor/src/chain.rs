@@ -1,0 +1,89 @@
+//! Lockstep in this process: the chain in one thread, the logger in another, a table in ordinary memory.
+
+use crate::{Observer, Outcome, Run, RunError, Watchers};
+use assembly::manifest::Drive;
+use assembly::{ServiceKind, build};
+use regions::{Payload, RegionId};
+use runtime::lockstep::Chain;
+use runtime::{Bound, clock, region_specs};
+use std::sync::atomic::{AtomicBool, Ordering};
+use table::{Table, TableInfo};
+
+/// Ticks between two looks at the logger, the interrupt and the observer.
+const LOOK: u64 = 256;
+
+pub(crate) fn run(
+    run: &Run,
+    interrupt: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Outcome, RunError> {
+    let scenario = &run.resolved.scenario;
+    let period_s = scenario.timing.period_s();
+    let manifest = run.manifest(Drive::Lockstep);
+    let info = TableInfo { run_id: manifest.run_id, period_ns: scenario.timing.period_ns(), t0_ns: 1 };
+    let specs = region_specs(period_s);
+    let table = Table::create_local(&specs, info).map_err(RunError::Table)?;
+
+    let bind = |kind| -> Result<_, RunError> {
+        let model = build(kind, &run.resolved).map_err(RunError::Assembly)?;
+        Bound::new(model, &table, true).map_err(RunError::Tick)
+    };
+    let models = vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
+    let mut chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
+    let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
+    let mut plan = run.plan();
+    let mut watchers = Watchers::new(&table);
+
+    let log = logger::create_log(&manifest, info.t0_ns).map_err(RunError::Log)?;
+    let log = logger::Logger::new(&table, log).map_err(RunError::Table)?;
+    let abandoned = AtomicBool::new(false);
+    let credit = specs[RegionId::RigStatus as usize].depth as u64 / 2;
+
+    let begin = clock::now();
+    let (ran, interrupted) = std::thread::scope(|scope| {
+        let thread = scope.spawn(|| logger::run(log, 100_000, || abandoned.load(Ordering::Relaxed)));
+        let mut interrupted = false;
+        let mut n = 0;
+        let mut ran = Ok(());
+        while n < plan.end {
+            if n.is_multiple_of(LOOK) {
+                watchers.look();
+                // The chain never laps the logger: what it could overwrite is at most half read.
+                while n + LOOK > watchers.logged.read_tick + credit && !thread.is_finished() {
+                    clock::sleep_until(clock::now() + 50_000, 0);
+                    watchers.look();
+                }
+                observer.progress(n, plan.end, &watchers.status);
+                if interrupt.load(Ordering::Relaxed) && !interrupted {
+                    interrupted = true;
+                    plan.stop_at(n);
+                }
+            }
+            // Sole writer of the region, in order: cannot be refused.
+            let _ = bench.write(n, plan.at(n).words());
+            if let Err(error) = chain.tick(n) {
+                ran = Err(RunError::Tick(error));
+                abandoned.store(true, Ordering::Relaxed);
+                break;
+            }
+            n += 1;
+        }
+        let finished = thread.join();
+        if finished.is_err() {
+            observer.note("the logger thread died: the log ends early");
+        }
+        (ran, interrupted)
+    });
+    ran?;
+    watchers.look();
+    Ok(Outcome {
+        ticks: plan.end,
+        wall_s: (clock::now() - begin) as f64 * 1e-9,
+        period_s,
+        interrupted,
+        last_status: watchers.status,
+        restarts: [0; 4],
+        given_up: None,
+        logged: watchers.logged,
+    })
+}

@@ -1,0 +1,53 @@
+//! Starting the executable, and finding what is not in the repository.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+/// Root of the workspace.
+pub fn workspace() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().unwrap_or(here).to_owned()
+}
+
+/// The executable, built from the present sources: `cargo test` alone leaves other packages' binaries stale.
+///
+/// # Panics
+/// When it cannot be built: no test that starts it means anything then.
+#[allow(clippy::panic)]
+pub fn kingpin() -> PathBuf {
+    static BUILT: OnceLock<PathBuf> = OnceLock::new();
+    BUILT
+        .get_or_init(|| {
+            let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+            let built = Command::new(cargo)
+                .args(["build", "--release", "--quiet", "--package", "kingpin"])
+                .current_dir(workspace())
+                .status();
+            match built {
+                Ok(status) if status.success() => {}
+                other => panic!("kingpin cannot be built: {other:?}"),
+            }
+            let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
+            target.join("release").join("kingpin")
+        })
+        .clone()
+}
+
+/// A file or folder of the reference data beside the repository. `None`, with its name said, when it is not
+/// there; with `CI=true` that is a failure.
+///
+/// # Panics
+/// With `CI=true` when it is missing.
+#[allow(clippy::panic, clippy::print_stdout)]
+pub fn reference(path: &str) -> Option<PathBuf> {
+    let full = workspace().join("../shared/reference").join(path);
+    if full.exists() {
+        return Some(full);
+    }
+    if std::env::var("CI").is_ok_and(|ci| ci == "true") {
+        panic!("reference data missing: {path}");
+    }
+    println!("SKIPPED: reference data missing: {path}");
+    None
+}
