@@ -321,9 +321,8 @@ impl Formula {
         let svyk_per_mu = self.svyk_per_mu(s, zeta.z2);
         // Fy' of (4.E74): at zero camber and spin, but for Gyk, which TNO leaves.
         let fy = gyk * lateral.fy0 + muy * svyk_per_mu; // (4.E58)
-        let fy_prime = if self.version == Version::Mf52 {
-            gyk * lateral.fy0 // (M): Fy - SVyk
-        } else if gs == 0.0 && spin.is_none() {
+        let fy_prime = if self.version == Version::Mf52 || (gs == 0.0 && spin.is_none()) {
+            // MF 5.2: Fy - SVyk (M).
             gyk * lateral.fy0
         } else {
             let flat = Slip { gamma_star: 0.0, ..*s };
@@ -332,15 +331,23 @@ impl Formula {
         Forced { fx: self.gxa(s) * fx0, fy, fy_prime, mux, muy, kxk, gyk, lateral, zeta } // (4.E50)
     }
 
-    /// Moments that go with the forces `fx`, `fy`: those of `forced`, or lagging ones. `s` is the slip that trail
+    /// Moments that go with the forces `fx`, `fy` (those of `forced`, or lagging ones) and rolling resistance `my`. `s` is the slip that trail
     /// and residual torque follow.
-    pub fn moments(&self, s: &Slip, spin: Option<&Spin>, forced: &Forced, fx: f64, fy: f64) -> Outcome {
+    pub fn moments(
+        &self,
+        s: &Slip,
+        spin: Option<&Spin>,
+        forced: &Forced,
+        fx: f64,
+        fy: f64,
+        my: f64,
+    ) -> Outcome {
         let (mz, trail, mzr) = self.mz(s, spin, forced, fx, fy);
         Outcome {
             fx,
             fy,
             mx: self.mx(s, fy),
-            my: self.my(s, fx),
+            my,
             mz,
             trail,
             mzr,
@@ -452,7 +459,7 @@ impl Formula {
 
     /// Rolling resistance moment (A48), or of MF 5.2 (M), with the program's turn at a locked wheel and low load.
     #[inline]
-    fn my(&self, s: &Slip, fx: f64) -> f64 {
+    pub fn my(&self, s: &Slip, fx: f64) -> f64 {
         let p = &self.p;
         if s.vcx == 0.0 {
             return 0.0;

@@ -9,6 +9,9 @@ use crate::structure::Structure;
 use crate::tir::{self, Side, Substituted, TirError, Version};
 use crate::turn_slip::Spin;
 
+/// A micro-radian short of sideways, where tan α ends.
+const SLIP_ANGLE_MAX: f64 = std::f64::consts::FRAC_PI_2 - 1e-6;
+
 /// How slip enters the formula; the numbers are those of the usual tools.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UseMode {
@@ -229,11 +232,11 @@ impl Tyre {
     pub fn steady_state(&self, c: &Contact, mode: UseMode) -> Forces {
         // Beyond these bounds nothing is said of a tyre; they keep the powers finite.
         let fz = c.vertical_load_n.min(1e3 * self.p.fnomin);
-        if !(fz > 0.0) {
+        if fz <= 0.0 || fz.is_nan() {
             return Forces::default();
         }
         let gamma = self.hand * c.camber_rad.clamp(-1.5, 1.5);
-        let alpha = self.hand * c.slip_angle_rad.clamp(-1.570_796, 1.570_796);
+        let alpha = self.hand * c.slip_angle_rad.clamp(-SLIP_ANGLE_MAX, SLIP_ANGLE_MAX);
         let kappa = c.slip_ratio.clamp(-1e3, 1e3);
         let vcx = c.speed_m_s.clamp(-1e3, 1e3);
         let pressure_ratio = (c.pressure_pa / self.p.nompres).clamp(1e-3, 1e3);
@@ -262,7 +265,14 @@ impl Tyre {
             Spin::new(&self.p, phi_t, gamma, omega, vc, vcx, self.formula.dfz(fz))
         });
         let forced = self.formula.forces(&slip, spin.as_ref());
-        let outcome = self.formula.moments(&slip, spin.as_ref(), &forced, forced.fx, forced.fy);
+        let outcome = self.formula.moments(
+            &slip,
+            spin.as_ref(),
+            &forced,
+            forced.fx,
+            forced.fy,
+            self.formula.my(&slip, forced.fx),
+        );
         self.outward(&outcome)
     }
 
@@ -339,7 +349,7 @@ impl Tyre {
         fy_n: f64,
         pressure_pa: f64,
     ) -> f64 {
-        if !(deflection_m > 0.0) {
+        if deflection_m <= 0.0 || deflection_m.is_nan() {
             return 0.0;
         }
         let spring =

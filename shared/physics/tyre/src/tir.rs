@@ -331,7 +331,7 @@ fn suggestion(key: &str) -> Option<&'static str> {
 }
 
 /// Rules of single values and pairs that the equations need.
-fn check(p: &Parameters, version: Version) -> Vec<(&'static str, f64, &'static str)> {
+fn check(p: &Parameters) -> Vec<(&'static str, f64, &'static str)> {
     let mut broken = Vec::new();
     let mut require = |holds: bool, key, value, rule| {
         if !holds {
@@ -386,7 +386,6 @@ fn check(p: &Parameters, version: Version) -> Vec<(&'static str, f64, &'static s
         p.q_fz2,
         "must be at most (VERTICAL_STIFFNESS UNLOADED_RADIUS / FNOMIN)^2 / 4",
     );
-    let _ = version;
     broken
 }
 
@@ -441,7 +440,7 @@ pub(crate) fn read(text: &str, file: &str) -> Result<TirFile, Vec<TirError>> {
         }
     }
     if errors.is_empty() {
-        for (key, value, rule) in check(&parameters, version) {
+        for (key, value, rule) in check(&parameters) {
             let at = KEYS.iter().position(|k| k.name == key).and_then(|i| source[i]);
             errors.push(match at {
                 Some(entry) => entry.broken(file, rule),

@@ -12,6 +12,8 @@
 //! energy is `Σ ½ C_i e_i²`; a change of load or pressure never raises it. A damper, proportional to the
 //! stiffness, acts below the file's VXLOW and never beyond the friction limit. Discretisation is exact for inputs
 //! that stay constant over the step; the force returned is that at its end.
+//! A step that would make more energy than rolling resistance
+//! takes (the formula's shifts and weighting functions can) is drawn back to the one that does not.
 //! The formula's load, camber and curvature are kept in the range where its forces oppose the slip; above the
 //! load limit forces grow in proportion to load.
 //! Parking torque: a yaw spring with the same release, limited by friction, faded out above VXLOW.
@@ -104,14 +106,35 @@ pub struct Motion {
     pub friction_scale: [f64; 2],
 }
 
+impl Motion {
+    fn is_finite(&self) -> bool {
+        [
+            self.vertical_load_n,
+            self.speed_m_s,
+            self.slip_speed_x_m_s,
+            self.slip_speed_y_m_s,
+            self.spin_rate_rad_s,
+            self.camber_rad,
+            self.pressure_pa,
+            self.friction_scale[0],
+            self.friction_scale[1],
+        ]
+        .iter()
+        .all(|v| v.is_finite())
+    }
+}
+
 impl Tyre {
     /// Advances the transient tyre by `dt_s` and returns forces and moments at the end of the step.
     ///
     /// Regular at any speed including zero. A load ≤ 0 gives no force and forgets the deflection. Finite inputs
-    /// give finite forces.
+    /// give finite forces; with any other the state stays and the forces are zero.
     pub fn transient_step(&self, state: &mut TransientState, m: &Motion, mode: UseMode, dt_s: f64) -> Forces {
         let load = m.vertical_load_n.min(1e3 * self.p.fnomin);
-        if !(load > 0.0) {
+        if !m.is_finite() || !dt_s.is_finite() {
+            return Forces::default();
+        }
+        if load <= 0.0 {
             *state = TransientState::default();
             return Forces::default();
         }
@@ -162,7 +185,6 @@ impl Tyre {
         // Carcass: stiffness and relaxation length belong together, σ = K/C.
         let k = [forced.kxk.abs(), forced.lateral.kya.abs()];
         let (c, sigma) = self.springs(fz, gamma, dpi, k);
-        let sigma_of = sigma;
         let c = [c[0] * scale, c[1] * scale];
         let mut e = [state.u_m, self.hand * state.v_m];
         for i in 0..2 {
@@ -173,47 +195,31 @@ impl Tyre {
             }
         }
 
-        let f_ss = [forced.fx * scale, forced.fy * scale];
-        let f_max = [(forced.mux * load).abs().max(1e-9), (forced.muy * load).abs().max(1e-9)];
-        let demand = (sq(k[0] * vs[0]) + sq(k[1] * vs[1])).sqrt() * scale; // |K Vs|
-        // |F_ss|, but not below what a saturating curve without shifts would give.
-        let linear = demand * per_v;
-        let mean_max = 0.5 * (f_max[0] + f_max[1]);
-        let f_ref =
-            (sq(f_ss[0]) + sq(f_ss[1])).sqrt().max(0.6 * linear * mean_max / (linear + mean_max)).max(1e-9);
-        // 1: rolling (secant of the formula); 0: gross sliding near standstill (friction against Vs).
-        let gross = slip_speed / speed.max(1e-12);
-        let roll = (2.0 * (1.0 - gross)).clamp(0.0, 1.0).max(rolling);
-        let release = if roll < 1.0 {
-            let loading = -(vs[0] * c[0] * e[0] + vs[1] * c[1] * e[1]) > 0.0;
-            let used = (sq(c[0] * e[0]) + sq(c[1] * e[1])).sqrt() / f_ref;
-            if loading || used > 1.0 { sq(sq(used.min(1.0))) } else { 0.0 }
-        } else {
-            0.0
+        let patch = Patch {
+            c,
+            sigma,
+            vs,
+            speed,
+            slip_speed,
+            per_v,
+            rolling,
+            f_ss: [forced.fx * scale, forced.fy * scale],
+            f_max: [(forced.mux * load).abs().max(1e-9), (forced.muy * load).abs().max(1e-9)],
+            demand: (sq(k[0] * vs[0]) + sq(k[1] * vs[1])).sqrt() * scale,
         };
-        let mut lag = [0.0; 2];
-        for i in 0..2 {
-            let rate_roll = speed.max(demand / f_ref) / sigma_of[i];
-            let rate = roll * rate_roll + (1.0 - roll) * release * c[i] * slip_speed / f_ref;
-            let drive = roll * rate_roll * f_ss[i] / c[i] - (1.0 - roll) * vs[i];
-            let (decay, ramp) = decay(rate * dt_s);
-            e[i] = e[i] * decay + drive * dt_s * ramp;
-            lag[i] = decay;
-        }
-        // No more than friction, or than the formula itself gives.
-        let use_of = |f: [f64; 2]| (sq(f[0] / f_max[0]) + sq(f[1] / f_max[1])).sqrt();
-        let limit = use_of(f_ss).max(1.0);
-        let used = use_of([c[0] * e[0], c[1] * e[1]]);
-        if used > limit {
-            e = e.map(|e| e * (limit / used));
-        }
+        // Rolling resistance takes from the wheel; on a wheel that turns against its way (My sees κ alone) it acts
+        // not at all rather than drive it.
+        let wheel_speed = (vcx - vs[0]) / p.unloaded_radius;
+        let my = self.formula.my(&slip, forced.fx) * scale;
+        let my = if my * wheel_speed < 0.0 { my } else { 0.0 };
+        let (e, lag) = patch.advance(e, dt_s, -my * wheel_speed * dt_s);
         let mut f = [c[0] * e[0], c[1] * e[1]];
 
         // Damper of the standing tyre, inside what friction leaves.
         if rolling < 1.0 {
             let fade = sq(1.0 - rolling) * 2.0 * DAMPING_RATIO;
             let d = [0, 1].map(|i| -fade * (c[i] * load / GRAVITY).sqrt() * vs[i]);
-            let share = damper_share(f, d, f_max, limit);
+            let share = damper_share(f, d, patch.f_max, patch.limit());
             f = [f[0] + share * d[0], f[1] + share * d[1]];
         }
 
@@ -226,11 +232,11 @@ impl Tyre {
             [state.slip_ratio, self.hand * state.slip_tangent]
         };
         let at = slip_at(moment_slip[0], moment_slip[1]);
-        let mut outcome = self.formula.moments(&at, spin.as_ref(), &forced, f[0] / scale, f[1] / scale);
+        let mut outcome = self.formula.moments(&at, spin.as_ref(), &forced, f[0] / scale, f[1] / scale, my);
         outcome.fx = f[0];
         outcome.fy = f[1];
         outcome.mx *= scale;
-        outcome.my *= scale;
+        outcome.my = my;
         outcome.mz *= scale;
         outcome.mzr *= scale;
 
@@ -285,6 +291,104 @@ impl Tyre {
             s[i] = (k[i] / c[i]).max(1e-4);
         }
         (c, s)
+    }
+}
+
+/// The patch for one step: carcass, slip and what the formula gives for it.
+struct Patch {
+    /// Carcass stiffnesses. [N/m]
+    c: [f64; 2],
+    /// Relaxation lengths. [m]
+    sigma: [f64; 2],
+    /// Slip velocity. [m/s]
+    vs: [f64; 2],
+    /// |Vcx| [m/s]
+    speed: f64,
+    /// |Vs| [m/s]
+    slip_speed: f64,
+    /// What slip velocity is divided by to give slip, inverted. [s/m]
+    per_v: f64,
+    /// 0 at standstill, 1 from VXLOW.
+    rolling: f64,
+    /// Steady forces of the formula. [N]
+    f_ss: [f64; 2],
+    /// Friction limits. [N]
+    f_max: [f64; 2],
+    /// |K Vs| [N m/s]
+    demand: f64,
+}
+
+impl Patch {
+    /// Share of friction that forces use: 1 on the ellipse of the friction limits.
+    #[inline]
+    fn use_of(&self, f: [f64; 2]) -> f64 {
+        (sq(f[0] / self.f_max[0]) + sq(f[1] / self.f_max[1])).sqrt()
+    }
+
+    /// The ellipse, or further out where the formula itself is.
+    #[inline]
+    fn limit(&self) -> f64 {
+        self.use_of(self.f_ss).max(1.0)
+    }
+
+    /// No more than the limit. Taking deflection away gives energy away.
+    #[inline]
+    fn limited(&self, e: [f64; 2], limit: f64) -> [f64; 2] {
+        let used = self.use_of([self.c[0] * e[0], self.c[1] * e[1]]);
+        if used > limit { e.map(|e| e * (limit / used)) } else { e }
+    }
+
+    /// Deflections after the step and the lag factor of each axis. `allowance`: energy that the step takes from the
+    /// wheel elsewhere (rolling resistance), which the formula's shifts may give back. [J]
+    #[inline]
+    fn advance(&self, e: [f64; 2], dt: f64, allowance: f64) -> ([f64; 2], [f64; 2]) {
+        let Self { c, sigma, vs, f_ss, .. } = self;
+        // |F_ss|, but not below what a saturating curve without shifts would give.
+        let linear = self.demand * self.per_v;
+        let most = 0.5 * (self.f_max[0] + self.f_max[1]);
+        let f_ref = (sq(f_ss[0]) + sq(f_ss[1])).sqrt().max(0.6 * linear * most / (linear + most)).max(1e-9);
+        // 1: rolling (secant of the formula); 0: gross sliding near standstill (friction against Vs).
+        let gross = self.slip_speed / self.speed.max(1e-12);
+        let roll = (2.0 * (1.0 - gross)).clamp(0.0, 1.0).max(self.rolling);
+        let release = if roll < 1.0 {
+            let loading = -(vs[0] * c[0] * e[0] + vs[1] * c[1] * e[1]) > 0.0;
+            let used = (sq(c[0] * e[0]) + sq(c[1] * e[1])).sqrt() / f_ref;
+            if loading || used > 1.0 { sq(sq(used.min(1.0))) } else { 0.0 }
+        } else {
+            0.0
+        };
+        let mut lag = [0.0; 2];
+        let (mut next, mut safe) = (e, e);
+        for i in 0..2 {
+            let rate_roll = self.speed.max(self.demand / f_ref) / sigma[i];
+            let rate = roll * rate_roll + (1.0 - roll) * release * c[i] * self.slip_speed / f_ref;
+            let drive = roll * rate_roll * f_ss[i] / c[i] - (1.0 - roll) * vs[i];
+            let (decay, ramp) = decay(rate * dt);
+            next[i] = e[i] * decay + drive * dt * ramp;
+            safe[i] = e[i] * decay - vs[i] * dt * ramp;
+            lag[i] = decay;
+        }
+        let limit = self.limit();
+        next = self.limited(next, limit);
+        let balance = |to: [f64; 2]| {
+            (0..2).map(|i| -c[i] * to[i] * vs[i] * dt - 0.5 * c[i] * (sq(to[i]) - sq(e[i]))).sum::<f64>()
+        };
+        let dissipated = balance(next) + allowance;
+        if dissipated < 0.0 {
+            // The step would make energy, by the formula's shifts at small slip or by its weighting functions. Between
+            // it and the step driven by -Vs, which dissipates for any rate, the balance is concave: go as far as it
+            // allows.
+            safe = self.limited(safe, limit);
+            let way = [next[0] - safe[0], next[1] - safe[1]];
+            let a = 0.5 * (c[0] * sq(way[0]) + c[1] * sq(way[1]));
+            let start = (balance(safe) + allowance).max(0.0);
+            // balance(safe + s way) = start + b s - a s²
+            let b = dissipated - start + a;
+            let share = (b + (b * b + 4.0 * a * start).sqrt()) / (2.0 * a).max(1e-300);
+            let share = share.clamp(0.0, 1.0);
+            next = [safe[0] + share * way[0], safe[1] + share * way[1]];
+        }
+        (next, lag)
     }
 }
 

@@ -51,3 +51,26 @@ impl Table {
         self.rows.iter().map(|r| r[i]).collect()
     }
 }
+
+/// A passenger car tyre of our own writing, shipped with the product.
+pub fn shipped() -> tyre::Tyre {
+    let file = workspace().join("schemas/tyres/car_205_60r15.tir");
+    tyre::Tyre::from_tir(&std::fs::read_to_string(file).unwrap(), "car_205_60r15.tir").unwrap()
+}
+
+/// The tyres to test the transient model with: ours, and the reference files that are there.
+pub fn tyres() -> Vec<tyre::Tyre> {
+    let mut found = vec![shipped()];
+    for name in [
+        "chrono_pactest_235_60R16_PAC2002",
+        "chrono_sedan_245_40R18_PAC2002",
+        "mfeval_MF52",
+        "mfeval_MF61",
+        "mfeval_MF62",
+    ] {
+        if let Some(text) = reference(&format!("tyre/{name}.tir")) {
+            found.push(tyre::Tyre::from_tir(&text, name).unwrap());
+        }
+    }
+    found
+}
