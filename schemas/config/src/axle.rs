@@ -5,6 +5,9 @@
 //! left out is the mirror image (y → −y) of the other. Files are TOML; a plain hardpoint JSON file (points
 //! by name, left and right) is read by [`Axle::from_hardpoint_json`].
 
+// A point that is not finite is reported once, as such, and not again by rules of distance: `!(a < b)`.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 use std::collections::BTreeMap;
 
 use crate::{Broken, Check, Checker};
