@@ -144,6 +144,7 @@ impl Segment {
         populate: bool,
     ) -> Result<Self, TableError> {
         let name = segment_name(bench, region);
+        regular_file(&name)?;
         let access = match mode {
             Mode::Read => AccessMode::Read,
             Mode::Write => AccessMode::ReadWrite,
@@ -230,6 +231,20 @@ impl Segment {
                 ring_words(self.words, self.depth),
             )
         }
+    }
+}
+
+/// Refuses what `shm_open` must not be let near: it waits for a writer on a FIFO, for ever.
+fn regular_file(name: &str) -> Result<(), TableError> {
+    match std::fs::symlink_metadata(format!("{DIRECTORY}/{name}")) {
+        Ok(data) if data.is_file() => Ok(()),
+        Ok(_) => {
+            Err(TableError::Os { what: format!("segment {name}"), cause: "is not a regular file".to_owned() })
+        }
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+            Err(TableError::NotFound { segment: name.to_owned() })
+        }
+        Err(e) => Err(TableError::Os { what: format!("segment {name}"), cause: e.to_string() }),
     }
 }
 
