@@ -1,0 +1,242 @@
+//! Tie-rod force of one side by its horizontal cylinder.
+//!
+//! The valve is a velocity source and the rod a spring: Ḟ = k (a q̇ + u_z ż − σ u_o ẋ_rack), with a the
+//! linkage's elongation per stroke. So the loop asks for a stroke velocity made of
+//!
+//! 1. what the rack and the vertical axis will do (rack feed-forward, thesis 5.1.1-2),
+//! 2. what the commanded force's rate needs (Ḟ/k),
+//! 3. bandwidth × predicted force error / k (proportional), less the observed disturbance (integral action),
+//!
+//! all for the instant at which the valve will have reacted. The predictor (finite spectrum assignment
+//! [Manitius & Olbrot 1979], here for an integrator) adds to the observed force what is still on its way; the
+//! valve's lag 2ζ/ω counts as delay (thesis 5.1.1-3). With delay compensation off the loop is a plain PID on
+//! the present error. Feedback: the cylinder's cell converted by the geometry, less the force that accelerates
+//! arm and column, above the crossover frequency; the tie rod's own cell below it (thesis 5.1.1-1).
+
+use crate::history::History;
+use crate::tracker::ParabolaTracker;
+use config::rig::{Control, Switches};
+use rig_plant::state::{StateReader, StateWriter};
+
+/// What the loop of one side needs of a tick.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ForceInput {
+    /// Commanded force. [N]
+    pub command_n: f64,
+    /// Reading of the tie rod's cell. [N]
+    pub tie_rod_n: f64,
+    /// Reading of the cylinder's cell. [N]
+    pub actuator_n: f64,
+    /// Elongation per stroke. [-]
+    pub elongation_per_stroke: f64,
+    /// Elongation per metre of the upper arm's tip. [-]
+    pub per_tip: f64,
+    /// Elongation rate that rack and vertical axis will cause when the valve reacts; + lengthens. [m/s]
+    pub outer_motion_m_s: f64,
+    /// Whether loop and integrators act (hydraulics on).
+    pub active: bool,
+}
+
+/// Force loop of one side.
+#[derive(Debug, Clone)]
+pub struct ForceLoop {
+    control: Control,
+    period_s: f64,
+    input_delay_s: f64,
+    command: ParabolaTracker,
+    trim_n: f64,
+    net: History,
+    tip: History,
+    tip_filtered: f64,
+    acceleration: f64,
+    observed_n: f64,
+    disturbance_m_s: f64,
+    integral_m_s: f64,
+    valve: f64,
+    last_feedback_n: f64,
+    rate_filtered: f64,
+    /// Cut at full opening.
+    pub saturated: bool,
+    /// Slowed to the rate limit.
+    pub rate_limited: bool,
+}
+
+impl ForceLoop {
+    /// A loop at rest.
+    pub fn new(control: &Control, period_s: f64) -> Self {
+        let input_delay_s = control.command_delay_s + control.horizontal.valve_lag_s;
+        let total = input_delay_s + control.measurement_delay_s;
+        Self {
+            period_s,
+            input_delay_s,
+            command: ParabolaTracker::new(control.force.command_tracker_rad_s, period_s),
+            trim_n: 0.0,
+            net: History::new(total, period_s),
+            tip: History::new(total, period_s),
+            tip_filtered: 0.0,
+            acceleration: 0.0,
+            observed_n: 0.0,
+            disturbance_m_s: 0.0,
+            integral_m_s: 0.0,
+            valve: 0.0,
+            last_feedback_n: 0.0,
+            rate_filtered: 0.0,
+            saturated: false,
+            rate_limited: false,
+            control: control.clone(),
+        }
+    }
+
+    /// Time from a command to the middle of its effect. [s]
+    pub fn lead_s(&self) -> f64 {
+        self.input_delay_s + 0.5 * self.period_s
+    }
+
+    /// Rate of the commanded force. [N/s]
+    pub fn command_rate_n_s(&self) -> f64 {
+        self.command.rate
+    }
+
+    /// Commanded force as it was when the sensors were read. [N]
+    pub fn command_when_measured_n(&self) -> f64 {
+        self.command.ahead(-self.control.measurement_delay_s)
+    }
+
+    /// Velocity that nothing explains. [m/s]
+    pub fn disturbance_m_s(&self) -> f64 {
+        self.disturbance_m_s + self.integral_m_s
+    }
+
+    /// Force the loop works on. [N]
+    pub fn feedback_n(&self) -> f64 {
+        self.last_feedback_n
+    }
+
+    /// One tick: the valve's opening.
+    pub fn step(&mut self, i: &ForceInput, switches: &Switches) -> f64 {
+        let (c, t) = (&self.control, self.period_s);
+        let (k, w_c) = (c.tie_rod_stiffness_n_m, c.force.bandwidth_rad_s);
+        self.command.step(i.command_n);
+
+        // Feedback.
+        let tip_velocity = self.tip.arrived();
+        let low = t * 100.0 / (1.0 + t * 100.0);
+        let before = self.tip_filtered;
+        self.tip_filtered += low * (tip_velocity - self.tip_filtered);
+        self.acceleration = (self.tip_filtered - before) / t;
+        let inertia = if switches.inertia_feed_forward {
+            c.horizontal.mass_kg * self.acceleration / i.per_tip
+        } else {
+            0.0
+        };
+        let converted = i.actuator_n / i.elongation_per_stroke - inertia;
+        let trim = t * c.force.cell_crossover_rad_s;
+        self.trim_n += trim / (1.0 + trim) * (i.tie_rod_n - converted - self.trim_n);
+        let feedback = converted + self.trim_n;
+
+        // Observer of force and unexplained velocity, at the instant of the measurement.
+        let arrived = self.net.arrived();
+        let p = (-w_c * 0.5 * t).exp();
+        let predicted = self.observed_n + t * k * (arrived + self.disturbance_m_s);
+        let residual = feedback - predicted;
+        self.observed_n = predicted + (1.0 - p * p) * residual;
+        if !self.saturated && i.active {
+            self.disturbance_m_s += (1.0 - p) * (1.0 - p) / (t * k) * residual;
+        }
+
+        let rate_feedback = (feedback - self.last_feedback_n) / t;
+        self.last_feedback_n = feedback;
+        self.rate_filtered += t * 300.0 / (1.0 + t * 300.0) * (rate_feedback - self.rate_filtered);
+
+        // What is wanted of the tie rod.
+        let (lead, total) = if switches.delay_compensation {
+            (self.lead_s(), self.input_delay_s + c.measurement_delay_s)
+        } else {
+            (0.0, 0.0)
+        };
+        let target = i.command_n + lead * (self.command.rate + 0.5 * lead * self.command.acceleration);
+        let feed = if switches.force_rate_feed_forward { self.command.rate_ahead(lead) / k } else { 0.0 };
+        let mut net = feed;
+        if switches.delay_compensation {
+            let ahead = self.observed_n + k * (self.net.pending() + self.disturbance_m_s * total);
+            net += w_c / k * (target - ahead) - self.disturbance_m_s;
+            self.integral_m_s = 0.0;
+        } else {
+            let error = i.command_n - feedback;
+            if !self.saturated && i.active {
+                self.integral_m_s += t * c.force.integral_rad_s * w_c / k * error;
+            }
+            net += w_c / k * (error - c.force.derivative_s * self.rate_filtered) + self.integral_m_s;
+        }
+
+        // Stroke velocity and valve.
+        let stroke_velocity = (net - i.outer_motion_m_s) / i.elongation_per_stroke;
+        let axis = &c.horizontal;
+        let load = (i.actuator_n / axis.stall_force_n * stroke_velocity.signum()).clamp(-0.9, 0.9);
+        let flow = if switches.pressure_compensation { (1.0 - load).sqrt() } else { 1.0 };
+        let mut valve = if i.active { stroke_velocity / (axis.no_load_speed_m_s * flow) } else { 0.0 };
+        self.saturated = valve.abs() > 1.0;
+        valve = valve.clamp(-1.0, 1.0);
+        let slew = axis.valve_rate_limit_1_s * t;
+        let limited = valve.clamp(self.valve - slew, self.valve + slew);
+        self.rate_limited = limited != valve;
+        self.valve = limited;
+
+        // What was really asked for, for predictor and observer (anti-windup).
+        let got = limited * axis.no_load_speed_m_s * flow;
+        let net_got = got * i.elongation_per_stroke + i.outer_motion_m_s;
+        self.net.push(if i.active { net_got } else { 0.0 });
+        self.tip.push(got * i.elongation_per_stroke / i.per_tip);
+        if !i.active {
+            self.disturbance_m_s = 0.0;
+            self.integral_m_s = 0.0;
+            self.observed_n = feedback;
+        }
+        limited
+    }
+
+    /// Length of the flat state.
+    pub fn state_len(&self) -> usize {
+        3 + self.net.state_len() + self.tip.state_len() + 11
+    }
+
+    /// Writes the state.
+    pub fn save(&self, w: &mut StateWriter) {
+        self.command.save(w);
+        self.net.save(w);
+        self.tip.save(w);
+        w.put_all(&[
+            self.trim_n,
+            self.tip_filtered,
+            self.acceleration,
+            self.observed_n,
+            self.disturbance_m_s,
+            self.integral_m_s,
+            self.valve,
+            self.last_feedback_n,
+            self.rate_filtered,
+            f64::from(u8::from(self.saturated)),
+            f64::from(u8::from(self.rate_limited)),
+        ]);
+    }
+
+    /// Reads the state.
+    pub fn load(&mut self, r: &mut StateReader) {
+        self.command.load(r);
+        self.net.load(r);
+        self.tip.load(r);
+        [
+            self.trim_n,
+            self.tip_filtered,
+            self.acceleration,
+            self.observed_n,
+            self.disturbance_m_s,
+            self.integral_m_s,
+            self.valve,
+            self.last_feedback_n,
+            self.rate_filtered,
+        ] = r.take_array();
+        self.saturated = r.take() != 0.0;
+        self.rate_limited = r.take() != 0.0;
+    }
+}
