@@ -27,6 +27,15 @@ pub struct TimeSeries {
     pub value: Vec<f64>,
 }
 
+impl TimeSeries {
+    /// Median distance of its samples in time; 0 with fewer than two. [s]
+    pub fn median_spacing_s(&self) -> f64 {
+        let mut spacing: Vec<f64> = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        spacing.sort_by(f64::total_cmp);
+        spacing.get(spacing.len() / 2).copied().unwrap_or(0.0)
+    }
+}
+
 /// A measured signal to be laid over the run's.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredSignal {

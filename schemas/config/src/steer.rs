@@ -295,6 +295,10 @@ pub struct PathFollowing {
     /// times wheelbase. [rad·m], (0, 500]
     #[schemars(extend("exclusiveMinimum" = 0.0), range(max = 500.0))]
     pub expected_rad_m: f64,
+    /// Speed at which understeer doubles that angle, as the driver knows the car (the characteristic speed).
+    /// [km/h], [20, 1000]
+    #[schemars(range(min = 20.0, max = 1000.0))]
+    pub characteristic_speed_km_h: f64,
     /// How fast a lasting lateral error is taken out; 0: not at all. [1/s], [0, 5]
     #[schemars(range(min = 0.0, max = 5.0))]
     pub trim_per_s: f64,
