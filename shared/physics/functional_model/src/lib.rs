@@ -1,1 +1,24 @@
-//! Functional models: blocks, frames, composition, compiled step.
+//! Functional models.
+#![allow(dead_code)]
+
+mod blocks;
+mod calculus;
+mod couplings;
+mod document;
+mod error;
+mod expand;
+mod flat;
+mod flatten;
+mod frames;
+mod instances;
+mod library;
+mod node;
+mod pool;
+mod syntax;
+mod tables;
+mod units;
+
+pub use error::{ModelError, Rule};
+
+/// Gives the text of a file a model names (`use`, table files), or why it cannot.
+pub type Resolver<'r> = dyn Fn(&str) -> Result<String, String> + 'r;
