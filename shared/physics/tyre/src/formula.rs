@@ -11,9 +11,10 @@
 //! Valid for any load ≥ 0 and any slip; nothing is limited to the file's ranges here.
 
 use crate::keys::Parameters;
-use crate::math::{atan, cos, cos_of_atan, exp, sign, sin};
+use crate::math::{atan, atan_all, cos_of_atan, exp, sign, sin, sin_all};
 use crate::tir::Version;
 use crate::turn_slip::{Spin, Zeta};
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
 /// ε of (4.E6a), (4.E16), (4.E26), (4.E38): keeps quotients finite.
 const EPSILON: f64 = 1e-6;
@@ -89,20 +90,9 @@ pub(crate) struct Formula {
     per_fz0_prime: f64,
     per_fz0: f64,
     per_v0: f64,
+    per_fzmin: f64,
     cx: f64,
     cy: f64,
-}
-
-/// `D sin[C arctan{Bx - E(Bx - arctan Bx)}]`
-#[inline]
-fn sine_curve(d: f64, c: f64, bx: f64, e: f64) -> f64 {
-    d * sin(c * atan(bx - e * (bx - atan(bx))))
-}
-
-/// `cos[C arctan{Bx - E(Bx - arctan Bx)}]`
-#[inline]
-fn cosine_curve(c: f64, bx: f64, e: f64) -> f64 {
-    cos(c * atan(bx - e * (bx - atan(bx))))
 }
 
 /// sin(c arctan x); for c = 2, the usual value, without the two functions.
@@ -120,11 +110,24 @@ fn side(x: f64) -> f64 {
 /// Pure lateral slip, with what Mz needs of it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Lateral {
-    fy0: f64,
     pub kya: f64,
     shy: f64,
     svy: f64,
     by: f64,
+    dy: f64,
+    /// By αy
+    argument: f64,
+    ey: f64,
+    turned: bool,
+}
+
+impl Lateral {
+    /// (4.E19) from the sine of its curve.
+    #[inline(always)]
+    fn force(&self, sine: f64) -> f64 {
+        let fy0 = self.dy * sine + self.svy;
+        if self.turned { -fy0 } else { fy0 }
+    }
 }
 
 impl Formula {
@@ -136,6 +139,8 @@ impl Formula {
             per_fz0_prime: 1.0 / fz0_prime,
             per_fz0: 1.0 / p.fnomin,
             per_v0: 1.0 / p.longvl,
+            // No fading where the file has no least load.
+            per_fzmin: if p.fzmin > 0.0 { 1.0 / p.fzmin } else { f64::INFINITY },
             cx: p.pcx1 * p.lcx,
             cy: p.pcy1 * p.lcy,
             p: p.clone(),
@@ -205,26 +210,9 @@ impl Formula {
         ]
     }
 
-    /// Pure longitudinal force (4.E9)-(4.E18). Returns (Fx0, Kxk).
-    #[inline]
-    fn fx0(&self, s: &Slip, mux: f64, zeta1: f64) -> (f64, f64) {
-        let p = &self.p;
-        let dfz = self.dfz(s.fz);
-        let dx = mux * s.fz * zeta1; // (4.E12)
-        let kxk = self.kxk(s.fz, s.dpi);
-        let bx = kxk / (self.cx * dx + EPSILON * side(dx)); // (4.E16)
-        let shx = (p.phx1 + p.phx2 * dfz) * p.lhx * s.shift; // (4.E17)
-        let svx = s.fz * (p.pvx1 + p.pvx2 * dfz) * p.lvx * (p.lmux * s.mu_scale[0]) * zeta1 * s.shift; // (4.E18)
-        let kappax = s.kappa + shx; // (4.E10)
-        let ex = (p.pex1 + p.pex2 * dfz + p.pex3 * dfz * dfz) * (1.0 - p.pex4 * sign(kappax)) * p.lex; // (4.E14)
-        let ex = s.curvature(ex);
-        let fx0 = sine_curve(dx, self.cx, bx * kappax, ex) + svx; // (4.E9)
-        (if s.vcx < 0.0 { -fx0 } else { fx0 }, kxk)
-    }
-
-    /// Pure lateral force (4.E19)-(4.E30).
-    #[inline]
-    fn fy0(&self, s: &Slip, muy: f64, gamma_star: f64, zeta: &Zeta) -> Lateral {
+    /// Pure lateral slip (4.E20)-(4.E29) at a camber.
+    #[inline(always)]
+    fn lateral(&self, s: &Slip, mu: f64, gamma_star: f64, zeta: &Zeta) -> Lateral {
         let p = &self.p;
         let dfz = self.dfz(s.fz);
         let lmuy = p.lmuy * s.mu_scale[1];
@@ -242,93 +230,106 @@ impl Formula {
         let shy = shy * s.shift;
         let svy = (s.fz * (p.pvy1 + p.pvy2 * dfz) * p.lvy * lmuy * zeta.z2 + svyg) * s.shift; // (4.E29)
         let alphay = s.alpha_star + shy; // (4.E20)
-        let dy = muy * s.fz * zeta.z2; // (4.E22)
+        let dy = mu * s.fz * zeta.z2; // (4.E22)
         let ey = (p.pey1 + p.pey2 * dfz)
             * (1.0 + p.pey5 * gamma_star * gamma_star - (p.pey3 + p.pey4 * gamma_star) * side(alphay))
             * p.ley; // (4.E24)
-        let ey = s.curvature(ey);
         let by = kya / (self.cy * dy + EPSILON * side(dy)); // (4.E26)
-        let fy0 = sine_curve(dy, self.cy, by * alphay, ey) + svy; // (4.E19)
-        Lateral { fy0: if s.turn_fy { -fy0 } else { fy0 }, kya, shy, svy, by }
-    }
-
-    /// Weighting function of side slip on Fx (4.E51)-(4.E57).
-    #[inline]
-    fn gxa(&self, s: &Slip) -> f64 {
-        if s.alpha_star == 0.0 {
-            return 1.0;
-        }
-        let p = &self.p;
-        let exa = s.curvature(p.rex1 + p.rex2 * self.dfz(s.fz)); // (4.E56)
-        let bxa = (p.rbx1 + p.rbx3 * s.gamma_star * s.gamma_star) * cos_of_atan(p.rbx2 * s.kappa) * p.lxal; // (4.E54)
-        let shxa = p.rhx1; // (4.E57)
-        let at = cosine_curve(p.rcx1, bxa * (s.alpha_star + shxa), exa);
-        if shxa == 0.0 { at } else { at / cosine_curve(p.rcx1, bxa * shxa, exa) } // (4.E51), (4.E52)
-    }
-
-    /// Weighting function of κ on Fy (4.E59)-(4.E65).
-    #[inline]
-    fn gyk(&self, s: &Slip) -> f64 {
-        let p = &self.p;
-        let dfz = self.dfz(s.fz);
-        let shyk = p.rhy1 + p.rhy2 * dfz; // (4.E65)
-        if s.kappa == 0.0 {
-            return 1.0;
-        }
-        let eyk = s.curvature(p.rey1 + p.rey2 * dfz); // (4.E64)
-        let byk = (p.rby1 + p.rby4 * s.gamma_star * s.gamma_star)
-            * cos_of_atan(p.rby2 * (s.alpha_star - p.rby3))
-            * p.lyka; // (4.E62)
-        let at = cosine_curve(p.rcy1, byk * (s.kappa + shyk), eyk);
-        if shyk == 0.0 { at } else { at / cosine_curve(p.rcy1, byk * shyk, eyk) } // (4.E59), (4.E60)
-    }
-
-    /// κ-induced side force (4.E66), (4.E67) per unit of μy.
-    #[inline]
-    fn svyk_per_mu(&self, s: &Slip, zeta2: f64) -> f64 {
-        let p = &self.p;
-        let d = p.rvy1 + p.rvy2 * self.dfz(s.fz) + p.rvy3 * s.gamma_star;
-        if d == 0.0 || s.kappa == 0.0 {
-            return 0.0;
-        }
-        s.fz * d
-            * cos_of_atan(p.rvy4 * s.alpha_star)
-            * zeta2
-            * sin(p.rvy5 * atan(p.rvy6 * s.kappa))
-            * p.lvyka
-            * s.shift
+        Lateral { kya, shy, svy, by, dy, argument: by * alphay, ey: s.curvature(ey), turned: s.turn_fy }
     }
 
     /// Forces of pure and combined slip. `s.fz` must be positive.
+    #[inline(always)]
     pub fn forces(&self, s: &Slip, spin: Option<&Spin>) -> Forced {
         let p = &self.p;
         let dfz = self.dfz(s.fz);
         let [mux, muy] = self.mu(s);
+        let gs = s.gamma_star * p.lgay;
+        let kxk = self.kxk(s.fz, s.dpi);
         let mut zeta = Zeta::NONE;
         if let Some(spin) = spin {
             zeta.forces(p, spin, dfz, s);
-        }
-        let (fx0, kxk) = self.fx0(s, mux, zeta.z1);
-        let gs = s.gamma_star * p.lgay;
-        if let Some(spin) = spin {
             let kya = self.kya(s.fz, s.dpi, gs, zeta.z3);
             let kya0 = self.kya(s.fz, s.dpi, 0.0, zeta.z3);
             let svyg = s.fz * (p.pvy3 + p.pvy4 * dfz) * gs * p.lkyc * (p.lmuy * s.mu_scale[1]) * zeta.z2;
             zeta.camber(p, spin, dfz, self.kyg0(s.fz, s.dpi), kya, kya0, svyg, s.vcx);
         }
-        let lateral = self.fy0(s, muy, gs, &zeta);
-        let gyk = self.gyk(s);
-        let svyk_per_mu = self.svyk_per_mu(s, zeta.z2);
-        // Fy' of (4.E74): at zero camber and spin, but for Gyk, which TNO leaves.
-        let fy = gyk * lateral.fy0 + muy * svyk_per_mu; // (4.E58)
-        let fy_prime = if self.version == Version::Mf52 || (gs == 0.0 && spin.is_none()) {
-            // MF 5.2: Fy - SVyk (M).
-            gyk * lateral.fy0
+
+        // Pure longitudinal slip.
+        let dx = mux * s.fz * zeta.z1; // (4.E12)
+        let bx = kxk / (self.cx * dx + EPSILON * side(dx)); // (4.E16)
+        let shx = (p.phx1 + p.phx2 * dfz) * p.lhx * s.shift; // (4.E17)
+        let svx = s.fz * (p.pvx1 + p.pvx2 * dfz) * p.lvx * (p.lmux * s.mu_scale[0]) * zeta.z1 * s.shift; // (4.E18)
+        let kappax = s.kappa + shx; // (4.E10)
+        let ex = (p.pex1 + p.pex2 * dfz + p.pex3 * dfz * dfz) * (1.0 - p.pex4 * sign(kappax)) * p.lex; // (4.E14)
+        let ex = s.curvature(ex);
+
+        // Pure lateral slip, also at zero camber and spin for Fy' of (4.E74); MF 5.2 does without (M).
+        let lateral = self.lateral(s, muy, gs, &zeta);
+        let flat = if self.version == Version::Mf52 || (gs == 0.0 && spin.is_none()) {
+            lateral
         } else {
-            let flat = Slip { gamma_star: 0.0, ..*s };
-            gyk * self.fy0(&flat, self.mu(&flat)[1], 0.0, &Zeta::NONE).fy0
+            self.lateral(s, self.mu(&Slip { gamma_star: 0.0, ..*s })[1], 0.0, &Zeta::NONE)
         };
-        Forced { fx: self.gxa(s) * fx0, fy, fy_prime, mux, muy, kxk, gyk, lateral, zeta } // (4.E50)
+
+        // Weighting functions and κ-induced side force.
+        let exa = s.curvature(p.rex1 + p.rex2 * dfz); // (4.E56)
+        let bxa = (p.rbx1 + p.rbx3 * s.gamma_star * s.gamma_star) * cos_of_atan(p.rbx2 * s.kappa) * p.lxal; // (4.E54)
+        let shxa = p.rhx1; // (4.E57)
+        let shyk = p.rhy1 + p.rhy2 * dfz; // (4.E65)
+        let eyk = s.curvature(p.rey1 + p.rey2 * dfz); // (4.E64)
+        let byk = (p.rby1 + p.rby4 * s.gamma_star * s.gamma_star)
+            * cos_of_atan(p.rby2 * (s.alpha_star - p.rby3))
+            * p.lyka; // (4.E62)
+        let svyk_per_mu = s.fz
+            * (p.rvy1 + p.rvy2 * dfz + p.rvy3 * s.gamma_star)
+            * cos_of_atan(p.rvy4 * s.alpha_star)
+            * zeta.z2
+            * p.lvyka
+            * s.shift; // (4.E67)
+
+        // All curves at once: y = Bx - E(Bx - arctan Bx), then sin or cos of C arctan y.
+        let b = [
+            bx * kappax,
+            lateral.argument,
+            flat.argument,
+            bxa * (s.alpha_star + shxa),
+            bxa * shxa,
+            byk * (s.kappa + shyk),
+            byk * shyk,
+            p.rvy6 * s.kappa,
+        ];
+        let e = [ex, lateral.ey, flat.ey, exa, exa, eyk, eyk, 0.0];
+        let inner = atan_all(b);
+        let mut y = [0.0; 8];
+        for i in 0..8 {
+            y[i] = b[i] - e[i] * (b[i] - inner[i]);
+        }
+        let y = atan_all(y);
+        let [fx0, fy0, flat_fy0, gxa, gxa0, gyk, gyk0, svyk] = sin_all([
+            self.cx * y[0],
+            self.cy * y[1],
+            self.cy * y[2],
+            FRAC_PI_2 + p.rcx1 * y[3],
+            FRAC_PI_2 + p.rcx1 * y[4],
+            FRAC_PI_2 + p.rcy1 * y[5],
+            FRAC_PI_2 + p.rcy1 * y[6],
+            p.rvy5 * y[7],
+        ]);
+        let fx0 = (dx * fx0 + svx) * if s.vcx < 0.0 { -1.0 } else { 1.0 }; // (4.E9)
+        let gyk = gyk / gyk0; // (4.E59), (4.E60)
+        let svyk = svyk_per_mu * svyk; // (4.E66)
+        Forced {
+            fx: gxa / gxa0 * fx0,                      // (4.E50)-(4.E52)
+            fy: gyk * lateral.force(fy0) + muy * svyk, // (4.E58)
+            fy_prime: gyk * flat.force(flat_fy0), // (4.E74) but for Gyk, which TNO leaves with its camber
+            mux,
+            muy,
+            kxk,
+            gyk,
+            lateral,
+            zeta,
+        }
     }
 
     /// Moments that go with the forces `fx`, `fy` (those of `forced`, or lagging ones) and rolling resistance `my`. `s` is the slip that trail
@@ -342,25 +343,6 @@ impl Formula {
         fy: f64,
         my: f64,
     ) -> Outcome {
-        let (mz, trail, mzr) = self.mz(s, spin, forced, fx, fy);
-        Outcome {
-            fx,
-            fy,
-            mx: self.mx(s, fy),
-            my,
-            mz,
-            trail,
-            mzr,
-            mux: forced.mux,
-            muy: forced.muy,
-            kxk: forced.kxk,
-            kya: forced.lateral.kya,
-        }
-    }
-
-    /// Aligning torque (4.E31)-(4.E47), (4.E71)-(4.E76) with the changes named above: (Mz, trail, Mzr).
-    #[inline]
-    fn mz(&self, s: &Slip, spin: Option<&Spin>, forced: &Forced, fx: f64, fy: f64) -> (f64, f64, f64) {
         let p = &self.p;
         let lateral = &forced.lateral;
         let mut zeta = forced.zeta;
@@ -388,9 +370,6 @@ impl Formula {
             * p.lky
             / lmuy; // (A58)
         let ct = p.qcz1; // (4.E41)
-        let et = (p.qez1 + p.qez2 * dfz + p.qez3 * dfz * dfz)
-            * (1.0 + (p.qez4 + p.qez5 * gs) * std::f64::consts::FRAC_2_PI * atan(bt * ct * alphat)); // (4.E44)
-        let et = s.curvature(et);
         let camber = if gs == 0.0 {
             0.0
         } else {
@@ -399,61 +378,81 @@ impl Formula {
                 * p.lkzc
                 * zeta.z0
         };
+        let br = (p.qbz9 * p.lky / lmuy + p.qbz10 * lateral.by * self.cy) * zeta.z6; // (4.E45)
+
+        // Equivalent slips (A54), (A55): tan² = sin²/(1 - sin²).
+        let kappa = forced.kxk / kya_prime * s.kappa;
+        let [sin_r, sin_t, cos_alpha] = sin_all([alphar, alphat, FRAC_PI_2 + s.alpha_star]);
+        let equivalent = |sine: f64| (sine * sine / (1.0 - sine * sine).max(1e-32) + kappa * kappa).sqrt();
+        let load = self.mx_load(s) * self.per_fz0;
+        let [curved, alphar_eq, alphat_eq, load_squared, side_force, load] = atan_all([
+            bt * ct * alphat,
+            equivalent(sin_r),
+            equivalent(sin_t),
+            (p.qsx6 * load) * (p.qsx6 * load),
+            p.qsx9 * (fy * self.per_fz0),
+            p.qsx11 * load,
+        ]);
+        let (alphar_eq, alphat_eq) = (alphar_eq * sign(alphar), alphat_eq * sign(alphat));
+        let et = (p.qez1 + p.qez2 * dfz + p.qez3 * dfz * dfz)
+            * (1.0 + (p.qez4 + p.qez5 * gs) * FRAC_2_PI * curved); // (4.E44)
+        let et = s.curvature(et);
+        let btt = bt * alphat_eq;
+        let btt = btt - et * (btt - atan(btt));
+        let [residual, slope] = atan_all([br * alphar_eq, btt]);
+        let [residual, slope, by_load, by_side] = sin_all([
+            FRAC_PI_2 + zeta.z7 * residual,
+            FRAC_PI_2 + ct * slope,
+            FRAC_PI_2 + p.qsx5 * load_squared,
+            p.qsx7 * s.gamma + p.qsx8 * side_force,
+        ]);
+
         let dr = s.fz
             * r0
             * ((p.qdz6 + p.qdz7 * dfz) * p.lres * zeta.z2 + camber)
             * lmuy
             * sign(s.vcx)
-            * cos(s.alpha_star)
+            * cos_alpha
             + (zeta.z8 - 1.0); // (4.E47)
-        let br = (p.qbz9 * p.lky / lmuy + p.qbz10 * lateral.by * self.cy) * zeta.z6; // (4.E45)
-
-        // Equivalent slips (A54), (A55).
-        let kappa = forced.kxk / kya_prime * s.kappa;
-        let (alphar_eq, alphat_eq) = if kappa == 0.0 {
-            (fold(alphar), fold(alphat))
-        } else {
-            (equivalent(alphar, kappa), equivalent(alphat, kappa))
-        };
-        let mzr = if zeta.z7 == 1.0 {
-            dr * cos_of_atan(br * alphar_eq)
-        } else {
-            dr * cos(zeta.z7 * atan(br * alphar_eq))
-        }; // (4.E75)
-        let trail = dt * cosine_curve(ct, bt * alphat_eq, et) * s.cos_alpha_prime * p.lfzo; // (4.E73)
+        let mzr = dr * residual * s.shift; // (4.E75)
+        let trail = dt * slope * s.cos_alpha_prime * p.lfzo * s.shift; // (4.E73)
         let arm = r0 * (p.ssz1 + p.ssz2 * (fy * self.per_fz0) + (p.ssz3 + p.ssz4 * dfz) * gamma) * p.ls; // (A56)
-
-        let trail = trail * s.shift;
-        let mzr = mzr * s.shift;
         let fy_prime = forced.fy_prime + (fy - forced.fy);
-        (-trail * fy_prime + mzr + arm * fx, trail, mzr) // (4.E71), (4.E72)
+        Outcome {
+            fx,
+            fy,
+            mx: self.mx(s, fy, p.qsx4 * by_load * by_side + p.qsx10 * load * s.gamma),
+            my,
+            mz: -trail * fy_prime + mzr + arm * fx, // (4.E71), (4.E72)
+            trail,
+            mzr,
+            mux: forced.mux,
+            muy: forced.muy,
+            kxk: forced.kxk,
+            kya: lateral.kya,
+        }
     }
 
-    /// Overturning moment (D49); below FZMIN the load fades with its third power.
-    #[inline]
-    fn mx(&self, s: &Slip, fy: f64) -> f64 {
+    /// Load of Mx: below FZMIN it fades with its third power.
+    #[inline(always)]
+    fn mx_load(&self, s: &Slip) -> f64 {
+        let ratio = (s.fz * self.per_fzmin).min(1.0);
+        s.fz * ratio * ratio
+    }
+
+    /// Overturning moment (D49); `curves` are its terms with QSX4 and QSX10.
+    #[inline(always)]
+    fn mx(&self, s: &Slip, fy: f64, curves: f64) -> f64 {
         let p = &self.p;
-        let fz = if s.fz < p.fzmin { s.fz * (s.fz / p.fzmin).powi(2) } else { s.fz };
-        let load = fz * self.per_fz0;
-        let side_load = fy * self.per_fz0;
         let gamma = s.gamma;
-        let mixed = if p.qsx4 == 0.0 {
-            0.0
-        } else {
-            p.qsx4
-                * cos(p.qsx5 * atan((p.qsx6 * load).powi(2)))
-                * sin(p.qsx7 * gamma + p.qsx8 * atan(p.qsx9 * side_load))
-        };
-        let by_load = if p.qsx10 == 0.0 { 0.0 } else { p.qsx10 * atan(p.qsx11 * load) * gamma };
         p.unloaded_radius
             * p.lmx
-            * (fz
+            * (self.mx_load(s)
                 * (p.qsx1 * p.lvmx
                     - p.qsx2 * gamma * (1.0 + p.ppmx1 * s.dpi)
                     - p.qsx12 * gamma * gamma.abs()
-                    + p.qsx3 * side_load
-                    + mixed
-                    + by_load)
+                    + p.qsx3 * (fy * self.per_fz0)
+                    + curves)
                 + fy * (p.qsx13 + p.qsx14 * gamma.abs()))
     }
 
@@ -487,23 +486,10 @@ impl Formula {
         let high = p.vxlow / s.vcx.abs() - 1.0;
         let low = -1.0 - p.vxlow - high;
         if s.kappa >= low && s.kappa <= high {
-            my *= sin(std::f64::consts::FRAC_PI_2 * (s.kappa + 1.0) / (high + 1.0));
+            my *= sin(FRAC_PI_2 * (s.kappa + 1.0) / (high + 1.0));
         } else if s.kappa < low {
             my = -my;
         }
         my
     }
-}
-
-/// (A54), (A55) without κ: arctan|tan α| sgn α.
-#[inline]
-fn fold(alpha: f64) -> f64 {
-    if alpha.abs() < std::f64::consts::FRAC_PI_2 { alpha } else { equivalent(alpha, 0.0) }
-}
-
-/// (A54), (A55)
-#[inline]
-fn equivalent(alpha: f64, kappa: f64) -> f64 {
-    let tan = crate::math::tan(alpha);
-    atan((tan * tan + kappa * kappa).sqrt()) * sign(alpha)
 }
