@@ -5,7 +5,8 @@
 //! holder dies, however it dies. Lock files are never removed: a removed but held one would let two holders be.
 
 use crate::TableError;
-use crate::process::this_process;
+use crate::header::ProcessId;
+use crate::process::{is_alive, this_process};
 use crate::spec::BenchName;
 use std::fs::{DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
@@ -60,18 +61,24 @@ impl Bench {
         Ok(BenchLock { bench: self.clone(), _file: file })
     }
 
-    /// The process that supervises the bench now, if any.
+    /// The process that supervises the bench now, if any. Writes nothing.
     ///
     /// # Errors
-    /// As [`Bench::lock`].
+    /// [`TableError::Permission`], [`TableError::Os`].
     pub fn supervisor_pid(&self) -> Result<Option<u32>, TableError> {
-        if !self.directory().join("bench.lock").exists() {
-            return Ok(None);
-        }
-        match self.lock() {
-            Ok(_) => Ok(None),
-            Err(TableError::Claimed { holder_pid, .. }) => Ok(holder_pid.or(Some(0))),
-            Err(error) => Err(error),
+        let path = self.directory().join("bench.lock");
+        let mut file = match File::open(&path) {
+            Ok(file) => file,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(file_error(&path, &e)),
+        };
+        // The lock is tried only if the last holder still lives: trying it holds it for a moment, and a supervisor that
+        // starts just then would be refused.
+        let Some(holder) = read_holder(&mut file).filter(|holder| is_alive(*holder)) else { return Ok(None) };
+        match file.try_lock_shared() {
+            Ok(()) => Ok(None),
+            Err(TryLockError::WouldBlock) => Ok(Some(holder.pid)),
+            Err(TryLockError::Error(e)) => Err(file_error(&path, &e)),
         }
     }
 
@@ -138,10 +145,7 @@ impl LockFile {
                 Ok(LockFile(file))
             }
             Err(TryLockError::WouldBlock) => {
-                let mut text = String::new();
-                // Empty if the holder has just locked and not yet written.
-                let _ = file.take(64).read_to_string(&mut text);
-                let holder_pid = text.split_ascii_whitespace().next().and_then(|pid| pid.parse().ok());
+                let holder_pid = read_holder(&mut file).map(|holder| holder.pid);
                 Err(TableError::Claimed { what: what(), holder_pid })
             }
             Err(TryLockError::Error(e)) => Err(os(e)),
@@ -149,12 +153,25 @@ impl LockFile {
     }
 }
 
+/// What the holder of a lock wrote into it; nothing if it has just locked and not yet written.
+fn read_holder(file: &mut File) -> Option<ProcessId> {
+    let mut text = String::new();
+    file.take(64).read_to_string(&mut text).ok()?;
+    let mut fields = text.split_ascii_whitespace();
+    let pid = fields.next()?.parse().ok()?;
+    Some(ProcessId { pid, start_ticks: fields.next()?.parse().ok()? })
+}
+
+fn file_error(path: &Path, error: &std::io::Error) -> TableError {
+    match error.kind() {
+        std::io::ErrorKind::PermissionDenied => TableError::Permission { what: path.display().to_string() },
+        _ => TableError::Os { what: path.display().to_string(), cause: error.to_string() },
+    }
+}
+
 /// Makes the directory with mode 0700, or checks that it is ours and nobody else can write to it.
 fn private_directory(path: &Path) -> Result<(), TableError> {
-    let os = |e: std::io::Error| match e.kind() {
-        std::io::ErrorKind::PermissionDenied => TableError::Permission { what: path.display().to_string() },
-        _ => TableError::Os { what: format!("lock directory {}", path.display()), cause: e.to_string() },
-    };
+    let os = |e: std::io::Error| file_error(path, &e);
     // Only the last component: a missing parent is the user's mistake, not ours to make with the wrong mode.
     match DirBuilder::new().mode(0o700).create(path) {
         Ok(()) => return Ok(()),

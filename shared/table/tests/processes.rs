@@ -79,15 +79,15 @@ struct Other {
 }
 
 impl Other {
-    fn start(role: &str, bench: &TestBench) -> Self {
+    fn start(role: &str, bench: &Bench) -> Self {
         Self::start_by(Command::new(std::env::current_exe().unwrap()), role, bench)
     }
 
-    fn start_by(mut command: Command, role: &str, bench: &TestBench) -> Self {
+    fn start_by(mut command: Command, role: &str, bench: &Bench) -> Self {
         let mut process = command
             .args(["--exact", "child_role", "--nocapture"])
-            .env(ROLE, format!("{role} {}", bench.bench.name()))
-            .env("KINGPIN_RUNTIME_DIR", bench.base.path())
+            .env(ROLE, format!("{role} {}", bench.name()))
+            .env("KINGPIN_RUNTIME_DIR", bench.base())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -129,9 +129,9 @@ fn a_claim_ends_with_its_holder() {
     let table = make(&bench);
     for epoch in [1, 3, 5] {
         let mut other = if epoch == 1 {
-            Other::start("claim-and-wait", &bench)
+            Other::start("claim-and-wait", &bench.bench)
         } else {
-            Other::start("die-in-a-write", &bench) // tick 0 is published already
+            Other::start("die-in-a-write", &bench.bench) // tick 0 is published already
         };
         other.line();
         match table.claim_writer(0) {
@@ -151,7 +151,7 @@ fn a_claim_ends_with_its_holder() {
 fn another_lock_directory_does_not_let_a_second_writer_in() {
     let bench = TestBench::new();
     let table = make(&bench);
-    let mut other = Other::start("claim-and-wait", &bench);
+    let mut other = Other::start("claim-and-wait", &bench.bench);
     other.line();
     let elsewhere = tempfile::tempdir().unwrap();
     let same = Bench::with_base(bench.bench.name().as_str(), elsewhere.path()).unwrap();
@@ -173,40 +173,16 @@ fn one_supervisor_a_bench() {
     let name = format!("{}-b", bench.bench.name());
     let free = Bench::with_base(&name, bench.base.path()).unwrap();
     assert_eq!(free.supervisor_pid().unwrap(), None);
-    let with_lock =
-        TestBench { lock: free.lock().unwrap(), bench: free.clone(), base: tempfile::tempdir().unwrap() };
-    drop(with_lock);
-    let stand_in = TestBenchRef { bench: &free, base: bench.base.path() };
-    let mut other = stand_in.start("lock-bench");
+    let mut other = Other::start("lock-bench", &free);
     assert_eq!(other.line(), "locked");
     assert!(
         matches!(free.lock(), Err(TableError::Claimed { holder_pid, .. }) if holder_pid == Some(other.pid()))
     );
+    assert_eq!(free.supervisor_pid().unwrap(), Some(other.pid()));
     other.kill();
+    assert_eq!(free.supervisor_pid().unwrap(), None);
     assert!(free.lock().is_ok());
-}
-
-/// A bench whose lock the test does not hold.
-struct TestBenchRef<'a> {
-    bench: &'a Bench,
-    base: &'a Path,
-}
-
-impl TestBenchRef<'_> {
-    fn start(&self, role: &str) -> Other {
-        let mut process = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "child_role", "--nocapture"])
-            .env(ROLE, format!("{role} {}", self.bench.name()))
-            .env("KINGPIN_RUNTIME_DIR", self.base)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let lines = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
-        Other {
-            process,
-            lines: Box::new(lines.filter_map(|line| line.strip_prefix("# ").map(str::to_owned))),
-        }
-    }
+    assert_eq!(free.supervisor_pid().unwrap(), None); // this process lives, but holds it no more
 }
 
 #[test]
@@ -219,7 +195,7 @@ fn a_writer_killed_in_the_middle_of_a_write() {
         let mut writer = table.claim_writer(0).unwrap();
         (0..3).for_each(|n| writer.publish(n, &[n; 64]).unwrap());
     }
-    let mut other = Other::start("die-in-a-write", &bench);
+    let mut other = Other::start("die-in-a-write", &bench.bench);
     assert_eq!(other.line(), "half written");
     other.kill();
     // The half of tick 3 is not there, and what was before stands.
@@ -241,7 +217,7 @@ fn the_bell_rings_across_processes_into_a_read_only_mapping() {
     let bench = TestBench::new();
     make(&bench);
     let table = Table::open(&bench.bench, &SPECS, &OpenOptions::default()).unwrap();
-    let mut other = Other::start("echo", &bench);
+    let mut other = Other::start("echo", &bench.bench);
     other.line();
     for n in [0, 50, 99] {
         assert!(table.reader(0).wait_for(n, &Wait::until(monotonic_ns() + 20_000_000_000)), "tick {n}");
@@ -278,7 +254,7 @@ fn nobody_else_gets_in() {
         return println!("not root: cannot try as another user");
     }
     let directory = tempfile::tempdir().unwrap();
-    let mut other = Other::start_by(as_nobody(directory.path(), 65534), "intrude", &bench);
+    let mut other = Other::start_by(as_nobody(directory.path(), 65534), "intrude", &bench.bench);
     assert!(other.line().starts_with("open: segment kingpin.test-"));
     assert!(other.line().contains("not permitted to this user"));
 }
@@ -294,10 +270,10 @@ fn the_group_may_read_if_configured() {
     let mode = std::fs::metadata(bench.path("state")).unwrap().permissions().mode();
     assert_eq!(mode & 0o7777, 0o640);
     let directory = tempfile::tempdir().unwrap();
-    let mut member = Other::start_by(as_nobody(directory.path(), GROUP), "intrude", &bench);
+    let mut member = Other::start_by(as_nobody(directory.path(), GROUP), "intrude", &bench.bench);
     assert_eq!(member.line(), "open: let in");
     let claim = member.line();
     assert!(claim.starts_with("claim: ") && !claim.contains("let in"), "{claim}");
-    let mut stranger = Other::start_by(as_nobody(directory.path(), 65534), "intrude", &bench);
+    let mut stranger = Other::start_by(as_nobody(directory.path(), 65534), "intrude", &bench.bench);
     assert!(stranger.line().contains("not permitted"));
 }
