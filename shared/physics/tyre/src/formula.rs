@@ -26,6 +26,8 @@ pub(crate) struct Slip {
     pub kappa: f64,
     /// α* of (4.E3): `tan α sgn Vcx` or α.
     pub alpha_star: f64,
+    /// tan α
+    pub tan_alpha: f64,
     pub gamma: f64,
     /// γ* of (4.E4): `sin γ` or γ.
     pub gamma_star: f64,
@@ -72,13 +74,13 @@ pub(crate) struct Outcome {
 pub(crate) struct Forced {
     pub fx: f64,
     pub fy: f64,
-    fy_prime: f64,
+    pub fy_prime: f64,
     pub mux: f64,
     pub muy: f64,
     pub kxk: f64,
-    gyk: f64,
+    pub gyk: f64,
     pub lateral: Lateral,
-    zeta: Zeta,
+    pub zeta: Zeta,
 }
 
 /// Quotients and products that depend on the file only.
@@ -108,7 +110,7 @@ fn side(x: f64) -> f64 {
 }
 
 /// Pure lateral slip, with what Mz needs of it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Lateral {
     pub kya: f64,
     shy: f64,
@@ -122,6 +124,11 @@ pub(crate) struct Lateral {
 }
 
 impl Lateral {
+    /// For laws that have no more to tell than the cornering stiffness.
+    pub fn of_stiffness(kya: f64) -> Self {
+        Self { kya, ..Self::default() }
+    }
+
     /// (4.E19) from the sine of its curve.
     #[inline(always)]
     fn force(&self, sine: f64) -> f64 {
@@ -149,7 +156,7 @@ impl Formula {
 
     /// Normalised load change (4.E2a).
     #[inline]
-    pub fn dfz(&self, fz: f64) -> f64 {
+    fn dfz(&self, fz: f64) -> f64 {
         (fz - self.fz0_prime) * self.per_fz0_prime
     }
 

@@ -4,8 +4,10 @@
 
 use crate::formula::{Formula, Outcome, Slip};
 use crate::keys::Parameters;
+use crate::law::Law;
 use crate::math::{sign, sin, tan};
 use crate::structure::Structure;
+use crate::table;
 use crate::tir::{self, Side, Substituted, TirError, Version};
 use crate::turn_slip::Spin;
 
@@ -161,7 +163,7 @@ pub struct TyreInfo {
 #[derive(Debug, Clone)]
 pub struct Tyre {
     pub(crate) p: Parameters,
-    pub(crate) formula: Formula,
+    pub(crate) law: Law,
     pub(crate) structure: Structure,
     pub(crate) info: TyreInfo,
     /// -1 for a mirror image, else 1.
@@ -182,33 +184,44 @@ impl Tyre {
             // Scale factors of camber are keys of MF 5.2 / PAC2002 alone.
             (p.lgax, p.lgay, p.lgaz) = (1.0, 1.0, 1.0);
         }
+        let load_limit = load_limit(&p);
+        let law = Law::Magic(Box::new(Formula::new(&p, file.version)));
         let info = TyreInfo {
-            file_name: file_name.to_owned(),
             version: file.version,
             side: file.side,
             has_turn_slip: file.has_turn_slip,
-            is_mirrored: false,
-            unloaded_radius_m: p.unloaded_radius,
-            width_m: p.width,
-            rim_radius_m: p.rim_radius,
-            nominal_load_n: p.fnomin,
-            inflation_pressure_pa: p.inflpres,
-            nominal_pressure_pa: p.nompres,
-            load_range_n: [p.fzmin, p.fzmax],
-            camber_range_rad: [p.cammin, p.cammax],
-            vertical_stiffness_n_m: p.vertical_stiffness,
-            vertical_damping_n_s_m: p.vertical_damping,
             substituted: file.substituted,
+            ..info(&p, file_name)
         };
-        let load_limit = load_limit(&p);
+        Ok(Self { law, structure: Structure::new(&p, file.version), info, hand: 1.0, load_limit, p })
+    }
+
+    /// Reads a table tyre (TOML). `file_name` is for messages only.
+    ///
+    /// # Errors
+    /// All violations of the file.
+    pub fn from_table(text: &str, file_name: &str) -> Result<Self, Vec<TirError>> {
+        let (law, p) = table::read(text, file_name)?;
         Ok(Self {
-            formula: Formula::new(&p, file.version),
-            structure: Structure::new(&p, file.version),
-            info,
+            law: Law::Table(Box::new(law)),
+            structure: Structure::new(&p, Version::Mf61),
+            info: TyreInfo { version: Version::Table, ..info(&p, file_name) },
             hand: 1.0,
-            load_limit,
+            load_limit: p.fzmax,
             p,
         })
+    }
+
+    /// Reads a tyre by the ending of its file's name: `.toml` a table tyre, else a property file.
+    ///
+    /// # Errors
+    /// All violations of the file.
+    pub fn from_text(text: &str, file_name: &str) -> Result<Self, Vec<TirError>> {
+        if file_name.to_ascii_lowercase().ends_with(".toml") {
+            Self::from_table(text, file_name)
+        } else {
+            Self::from_tir(text, file_name)
+        }
     }
 
     /// This tyre as it stands on `side`: the mirror image where the file is for the other side.
@@ -248,6 +261,7 @@ impl Tyre {
             fz,
             kappa,
             alpha_star,
+            tan_alpha,
             gamma,
             gamma_star,
             cos_alpha_prime: vcx / (vc + 1e-6), // (4.E6), (4.E6a)
@@ -262,16 +276,16 @@ impl Tyre {
         let spin = mode.turn_slip().then(|| {
             let phi_t = self.hand * c.turn_slip_per_m.clamp(-1e3, 1e3);
             let (_, omega) = self.structure.rolling(fz, kappa, vcx, slip.dpi);
-            Spin::new(&self.p, phi_t, gamma, omega, vc, vcx, self.formula.dfz(fz))
+            Spin::new(&self.p, phi_t, gamma, omega, vc, vcx, self.structure.dfz(fz))
         });
-        let forced = self.formula.forces(&slip, spin.as_ref());
-        let outcome = self.formula.moments(
+        let forced = self.law.forces(&slip, spin.as_ref());
+        let outcome = self.law.moments(
             &slip,
             spin.as_ref(),
             &forced,
             forced.fx,
             forced.fy,
-            self.formula.my(&slip, forced.fx),
+            self.law.my(&slip, forced.fx),
         );
         self.outward(&outcome)
     }
@@ -309,7 +323,7 @@ impl Tyre {
             self.structure.rolling(fz, c.slip_ratio.clamp(-1e3, 1e3), c.speed_m_s.clamp(-1e3, 1e3), dpi);
         let (rho, rl) = self.structure.deflection(fz, omega, f.fx_n, self.hand * f.fy_n, gamma, dpi);
         let (a, b) = self.structure.contact_patch(fz, dpi);
-        let [cx, cy] = self.structure.carcass(self.formula.dfz(fz), dpi);
+        let [cx, cy] = self.structure.carcass(self.structure.dfz(fz), dpi);
         Shape {
             effective_rolling_radius_m: re,
             wheel_speed_rad_s: omega,
@@ -325,7 +339,6 @@ impl Tyre {
             longitudinal_stiffness_n_m: cx,
             lateral_stiffness_n_m: cy,
             relaxation_length_m: self.structure.relaxation(
-                &self.formula,
                 fz,
                 gamma,
                 dpi,
@@ -392,7 +405,7 @@ impl Tyre {
     /// Overall carcass stiffnesses along x and y at a load. [N/m]
     #[must_use]
     pub fn carcass_stiffness_n_m(&self, fz_n: f64, pressure_pa: f64) -> [f64; 2] {
-        self.structure.carcass(self.formula.dfz(fz_n), self.dpi(pressure_pa))
+        self.structure.carcass(self.structure.dfz(fz_n), self.dpi(pressure_pa))
     }
 
     /// Relaxation lengths along x and y at a load and camber. [m]
@@ -401,9 +414,31 @@ impl Tyre {
         let fz = fz_n.clamp(0.0, 1e3 * self.p.fnomin);
         let dpi = self.dpi(pressure_pa);
         let gamma = self.hand * camber_rad;
-        let kxk = self.formula.kxk(fz, dpi);
-        let kya = self.formula.kya(fz, dpi, gamma, 1.0);
-        self.structure.relaxation(&self.formula, fz, gamma, dpi, kxk, kya)
+        let kxk = self.law.kxk(fz, dpi);
+        let kya = self.law.kya(fz, dpi, gamma);
+        self.structure.relaxation(fz, gamma, dpi, kxk, kya)
+    }
+}
+
+/// What the parameters say of themselves.
+fn info(p: &Parameters, file_name: &str) -> TyreInfo {
+    TyreInfo {
+        file_name: file_name.to_owned(),
+        version: Version::Mf61,
+        side: None,
+        has_turn_slip: false,
+        is_mirrored: false,
+        unloaded_radius_m: p.unloaded_radius,
+        width_m: p.width,
+        rim_radius_m: p.rim_radius,
+        nominal_load_n: p.fnomin,
+        inflation_pressure_pa: p.inflpres,
+        nominal_pressure_pa: p.nompres,
+        load_range_n: [p.fzmin, p.fzmax],
+        camber_range_rad: [p.cammin, p.cammax],
+        vertical_stiffness_n_m: p.vertical_stiffness,
+        vertical_damping_n_s_m: p.vertical_damping,
+        substituted: Vec::new(),
     }
 }
 

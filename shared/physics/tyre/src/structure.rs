@@ -6,7 +6,6 @@
 //! 6.1, whose extra terms its files do not have. Below the file's rim guard (`BOTTOM_OFFST`) a second spring
 //! (`BOTTOM_STIFF`) acts in [`Structure::vertical_force`].
 
-use crate::formula::Formula;
 use crate::keys::Parameters;
 use crate::math::{atan, exp};
 use crate::tir::Version;
@@ -36,6 +35,13 @@ impl Structure {
             q_a[1] = 1.693 * q_a[0] * q_a[0];
         }
         Self { p: p.clone(), version, q_fz1: (slope * slope - 4.0 * p.q_fz2).max(0.0).sqrt(), q_a }
+    }
+
+    /// Normalised load change (4.E2a).
+    #[inline]
+    pub fn dfz(&self, fz: f64) -> f64 {
+        let fz0 = self.p.lfzo * self.p.fnomin;
+        (fz - fz0) / fz0
     }
 
     /// Radius of the unloaded turning tyre (paper, 1). [m]
@@ -214,17 +220,9 @@ impl Structure {
 
     /// Relaxation lengths (paper, 19; M52) from the slip stiffnesses at this load. [m]
     #[inline]
-    pub fn relaxation(
-        &self,
-        formula: &Formula,
-        fz: f64,
-        gamma: f64,
-        dpi: f64,
-        kxk: f64,
-        kya: f64,
-    ) -> [f64; 2] {
+    pub fn relaxation(&self, fz: f64, gamma: f64, dpi: f64, kxk: f64, kya: f64) -> [f64; 2] {
         let p = &self.p;
-        let dfz = formula.dfz(fz);
+        let dfz = self.dfz(fz);
         if self.version == Version::Mf52 {
             let load = fz / p.fnomin;
             let x = (p.ptx1 + p.ptx2 * dfz) * exp(-p.ptx3 * dfz) * p.lsgkp * p.unloaded_radius * load;

@@ -58,6 +58,8 @@ pub enum Version {
     Mf61,
     /// MF-Tyre 6.2: `FITTYP` 62.
     Mf62,
+    /// No formula: a table tyre.
+    Table,
 }
 
 /// The side of the car a tyre was measured for or stands on.

@@ -161,6 +161,7 @@ impl Tyre {
             fz,
             kappa: slip_ratio,
             alpha_star: if mode.alpha_star() { slip_tangent * heading } else { atan(slip_tangent) },
+            tan_alpha: slip_tangent,
             gamma,
             gamma_star: if mode.alpha_star() { sin(gamma) } else { gamma },
             cos_alpha_prime: heading / (1.0 + slip_tangent * slip_tangent).sqrt(),
@@ -177,10 +178,10 @@ impl Tyre {
             let phi_t = -self.hand * m.spin_rate_rad_s.clamp(-1e3, 1e3) / v.max(p.vxlow);
             let re = self.structure.effective_radius(fz, 0.0, dpi);
             let omega = (vcx - vs[0]) / re;
-            Spin::new(p, phi_t, gamma, omega, v, vcx, self.formula.dfz(fz))
+            Spin::new(p, phi_t, gamma, omega, v, vcx, self.structure.dfz(fz))
         });
         let slip = slip_at(slip_ratio, slip_tangent);
-        let forced = self.formula.forces(&slip, spin.as_ref());
+        let forced = self.law.forces(&slip, spin.as_ref());
 
         // Carcass: stiffness and relaxation length belong together, σ = K/C.
         let k = [forced.kxk.abs(), forced.lateral.kya.abs()];
@@ -210,7 +211,7 @@ impl Tyre {
         // Rolling resistance takes from the wheel; on a wheel that turns against its way (My sees κ alone) it acts
         // not at all rather than drive it.
         let wheel_speed = (vcx - vs[0]) / p.unloaded_radius;
-        let my = self.formula.my(&slip, forced.fx) * scale;
+        let my = self.law.my(&slip, forced.fx) * scale;
         let my = if my * wheel_speed < 0.0 { my } else { 0.0 };
         let (e, lag) = patch.advance(e, dt_s, -my * wheel_speed * dt_s);
         let mut f = [c[0] * e[0], c[1] * e[1]];
@@ -232,7 +233,7 @@ impl Tyre {
             [state.slip_ratio, self.hand * state.slip_tangent]
         };
         let at = slip_at(moment_slip[0], moment_slip[1]);
-        let mut outcome = self.formula.moments(&at, spin.as_ref(), &forced, f[0] / scale, f[1] / scale, my);
+        let mut outcome = self.law.moments(&at, spin.as_ref(), &forced, f[0] / scale, f[1] / scale, my);
         outcome.fx = f[0];
         outcome.fy = f[1];
         outcome.mx *= scale;
@@ -276,9 +277,9 @@ impl Tyre {
     fn springs(&self, fz: f64, gamma: f64, dpi: f64, k: [f64; 2]) -> ([f64; 2], [f64; 2]) {
         let p = &self.p;
         let floor = 0.02 * p.unloaded_radius;
-        let sigma = self.structure.relaxation(&self.formula, fz, gamma, dpi, k[0], k[1]);
+        let sigma = self.structure.relaxation(fz, gamma, dpi, k[0], k[1]);
         let nominal = [p.longitudinal_stiffness, p.lateral_stiffness];
-        let carcass = self.structure.carcass(self.formula.dfz(fz), dpi);
+        let carcass = self.structure.carcass(self.structure.dfz(fz), dpi);
         let mut c = [0.0; 2];
         let mut s = [0.0; 2];
         for i in 0..2 {
