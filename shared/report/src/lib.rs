@@ -1,1 +1,25 @@
-//! Figures and self-contained HTML reports.
+//! What a run was like: a summary for programs and a self-contained HTML report for people.
+//!
+//! [`summarise`] makes the figures of a run from its log ([`RunSummary`], the content of `summary.json`);
+//! [`report_html`] makes one file that opens anywhere without a network. Nothing is computed here that
+//! `metrics` could compute; nothing is left out silently: a figure that cannot be had says why.
+
+mod decimate;
+mod figure;
+mod figures;
+mod html;
+mod overlay;
+mod published;
+mod run;
+mod summary;
+mod table;
+mod verdict;
+
+pub use html::{ReportOptions, plotly_js, report_html};
+pub use overlay::{Overlay, OverlayResult};
+pub use published::{PUBLISHED_TRACKING, PublishedTracking, published_for};
+pub use summary::{
+    LogSummary, Peaks, RunSummary, ServiceTiming, SolverSummary, Span, TrackingFigures, Trip, summarise,
+};
+pub use table::STATES;
+pub use verdict::{Limits, Outcome, Verdict};

@@ -6,6 +6,7 @@
 
 use crate::correlation::lag;
 use crate::filter::{LowPass, TRACKING_CORNER_HZ};
+use crate::resample::bridge_gaps;
 use crate::statistics::{amplitude, peak, rms};
 
 /// Longest lag looked for. [s]
@@ -86,15 +87,20 @@ pub fn tracking(
     if samples.is_empty() {
         return Err(Withheld::NoCommonSamples);
     }
-    let (commands, measurements): (Vec<f64>, Vec<f64>) = samples.iter().copied().unzip();
+    let commands: Vec<f64> = samples.iter().map(|(c, _)| *c).collect();
     let error: Vec<f64> = samples.iter().map(|(c, m)| c - m).collect();
     let amplitude = amplitude(&commands);
     if amplitude <= 0.0 {
         return Err(Withheld::CommandConstant);
     }
-    // A lag needs evenly spaced samples: only a window without holes has one.
-    let whole = samples.len() == last - first + 1;
-    let lag = if whole { lag(&commands, &measurements, sample_time_s, LAG_MAX_S) } else { None };
+    // A lag needs evenly spaced samples: a few holes are bridged, many forbid it.
+    let span = last - first + 1;
+    let lag = if samples.len() * 100 >= span * 99 {
+        let whole = |values: &[f64]| bridge_gaps(&values[first..=last]).unwrap_or_default();
+        lag(&whole(&command), &whole(&measured), sample_time_s, LAG_MAX_S)
+    } else {
+        None
+    };
     let (error_max, error_rms) = (peak(&error), rms(&error));
     Ok(Tracking {
         amplitude,
@@ -144,6 +150,17 @@ mod tests {
         assert!(
             (result.error_max_percent - 3.0).abs() < 1e-6 && (result.error_rms_percent - 3.0).abs() < 1e-6
         );
+    }
+
+    #[test]
+    fn a_few_missing_samples_leave_the_lag_and_many_do_not() {
+        let (command, mut measured) = (sine(500.0, 0.7, 0.0), sine(500.0, 0.7, 0.006));
+        let active = vec![true; 10_000];
+        measured[4000..4050].fill(f64::NAN);
+        let few = tracking(&command, &measured, &active, T).unwrap();
+        assert!((few.lag_s - 0.006).abs() < 1e-4 && few.samples == 9950, "{few:?}");
+        measured[4000..4500].fill(f64::NAN);
+        assert!(tracking(&command, &measured, &active, T).unwrap().lag_s.is_nan());
     }
 
     #[test]
