@@ -122,14 +122,9 @@ impl ResolvedBench {
     pub fn from_json(text: &str) -> Result<Self, Problems> {
         serde_json::from_str(text).map_err(|error| {
             Problems::one(Violation {
-                mistake: Mistake::Syntax,
-                file: "resolved configuration".to_owned(),
                 line: u32::try_from(error.line()).unwrap_or(0),
                 column: u32::try_from(error.column()).unwrap_or(0),
-                key: String::new(),
-                value: String::new(),
-                rule: error.to_string(),
-                suggestion: None,
+                ..Violation::of_file(Mistake::Syntax, "resolved configuration", error.to_string())
             })
         })
     }
@@ -252,7 +247,7 @@ impl Assembly<'_> {
         let text = match load::read_text(place, REFERENCE_BYTES_MAX) {
             Ok(text) => text,
             Err(violation) => {
-                self.problems.push(violation);
+                self.problems.push(*violation);
                 return None;
             }
         };
@@ -284,7 +279,7 @@ impl Assembly<'_> {
                 Some(TextFile { name: place.name(), text })
             }
             Err(violation) => {
-                self.problems.push(violation);
+                self.problems.push(*violation);
                 None
             }
         }
@@ -306,14 +301,16 @@ impl Assembly<'_> {
                 offset: steer.offset_deg.to_radians(),
                 until_s,
             };
-            history.steering_wheel_angle_rad =
-                self.series(loaded, "steer.file", &wanted).map(|mut series| {
-                    let clip = steer.clip_deg.to_radians();
-                    series.value.iter_mut().for_each(|angle| *angle = angle.clamp(-clip, clip));
-                    series
-                });
+            let series = self.series(loaded, "steer.file", &wanted);
+            self.low_pass(loaded, "steer.low_pass_hz", steer.low_pass_hz, series.as_ref());
+            history.steering_wheel_angle_rad = series.map(|mut series| {
+                let clip = steer.clip_deg.to_radians();
+                series.value.iter_mut().for_each(|angle| *angle = angle.clamp(-clip, clip));
+                series
+            });
         }
-        if let Speed::RecordedHistory { time_column, time_offset_s, column, scale_m_s, .. } = &scenario.speed
+        if let Speed::RecordedHistory { time_column, time_offset_s, column, scale_m_s, low_pass_hz, .. } =
+            &scenario.speed
         {
             let wanted = Wanted {
                 time_column,
@@ -323,7 +320,9 @@ impl Assembly<'_> {
                 offset: 0.0,
                 until_s,
             };
-            history.speed_m_s = self.series(loaded, "speed.file", &wanted);
+            let series = self.series(loaded, "speed.file", &wanted);
+            self.low_pass(loaded, "speed.low_pass_hz", *low_pass_hz, series.as_ref());
+            history.speed_m_s = series;
         }
         for (i, compare) in scenario.compare.iter().flatten().enumerate() {
             let wanted = Wanted {
@@ -340,6 +339,22 @@ impl Assembly<'_> {
             }
         }
         (self.problems.violations.len() == wrong_before).then_some(Some(history))
+    }
+
+    /// A low-pass that the record is too coarse for.
+    fn low_pass(
+        &mut self,
+        loaded: &Loaded<Scenario>,
+        key: &str,
+        cutoff_hz: Option<f64>,
+        series: Option<&TimeSeries>,
+    ) {
+        let spacing_s = series.map_or(0.0, TimeSeries::median_spacing_s);
+        let most_hz = 0.45 / spacing_s;
+        if cutoff_hz.is_some_and(|cutoff_hz| cutoff_hz >= most_hz) {
+            let rule = format!("must be below {most_hz:.1} Hz, 0.45 of the record's sampling frequency");
+            self.problems.push(loaded.violation(Mistake::Record, key, rule));
+        }
     }
 
     fn series(&mut self, loaded: &Loaded<Scenario>, key: &str, wanted: &Wanted<'_>) -> Option<TimeSeries> {
@@ -401,14 +416,5 @@ fn record_path(loaded: &Loaded<Scenario>, key: &str) -> Result<PathBuf, String> 
 }
 
 fn in_file(mistake: Mistake, file: &str, key: &str, rule: String) -> Violation {
-    Violation {
-        mistake,
-        file: file.to_owned(),
-        line: 0,
-        column: 0,
-        key: key.to_owned(),
-        value: String::new(),
-        rule,
-        suggestion: None,
-    }
+    Violation { key: key.to_owned(), ..Violation::of_file(mistake, file, rule) }
 }

@@ -25,6 +25,6 @@ mod validate;
 pub use bench::{ResolvedBench, TextFile};
 pub use check::{Broken, Check, Checker};
 pub use library::{Kind, Library};
-pub use load::{Loaded, Section, load, load_with, schema_json};
+pub use load::{Loaded, Section, all_schemas, load, load_with, schema_json};
 pub use problem::{Mistake, Problems, Violation};
 pub use record::{MeasuredSignal, RecordedHistory, TimeSeries};

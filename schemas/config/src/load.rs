@@ -2,7 +2,8 @@
 //! file, line, column, key, value and rule.
 //!
 //! A reference to a file is a path (it holds a `/` or a `.`), taken relative to the file that says it, or a
-//! bare name, which is that of a shipped file ([`Library`]). `extends` follows the same rule.
+//! bare name, which is that of a shipped file ([`Library`]). A file name without directory that is not beside
+//! the file that says it is looked for among the shipped ones too. `extends` follows the same rules.
 
 use crate::check::{Broken, Check};
 use crate::library::{Kind, Library};
@@ -111,16 +112,8 @@ pub fn load_at<T: Section>(place: &Place, overrides: &[String]) -> Result<Loaded
 /// A bare name that the library does not have.
 pub fn place_of_argument(reference: &str, kind: Kind) -> Result<Place, Problems> {
     resolve(reference, &Place::Override, kind).map_err(|lost| {
-        Problems::one(Violation {
-            mistake: Mistake::NotFound,
-            file: reference.to_owned(),
-            line: 0,
-            column: 0,
-            key: String::new(),
-            value: String::new(),
-            rule: lost.rule,
-            suggestion: lost.suggestion,
-        })
+        let violation = Violation::of_file(Mistake::NotFound, reference, lost.rule);
+        Problems::one(Violation { suggestion: lost.suggestion, ..violation })
     })
 }
 
@@ -230,9 +223,22 @@ pub(crate) fn resolve(reference: &str, from: &Place, kind: Kind) -> Result<Place
             }),
         };
     }
+    let beside = beside(reference, from);
+    if *from != Place::Override
+        && !reference.contains(['/', '\\'])
+        && exists(&beside).is_err()
+        && let Some(shipped) = Library::get(kind, reference)
+    {
+        return Ok(Place::Library(format!("{}/{}", kind.directory(), shipped.file_name)));
+    }
+    Ok(beside)
+}
+
+/// A path said at `from`.
+fn beside(reference: &str, from: &Place) -> Place {
     match from {
-        Place::Disk(path) => Ok(Place::Disk(path.parent().unwrap_or(Path::new("")).join(reference))),
-        Place::Override => Ok(Place::Disk(PathBuf::from(reference))),
+        Place::Disk(path) => Place::Disk(path.parent().unwrap_or(Path::new("")).join(reference)),
+        Place::Override => Place::Disk(PathBuf::from(reference)),
         Place::Library(path) if Path::new(reference).is_relative() => {
             let mut parts: Vec<String> = path.split('/').map(str::to_owned).collect();
             parts.pop();
@@ -243,9 +249,9 @@ pub(crate) fn resolve(reference: &str, from: &Place, kind: Kind) -> Result<Place
                     _ => {}
                 }
             }
-            Ok(Place::Library(parts.join("/")))
+            Place::Library(parts.join("/"))
         }
-        Place::Library(_) => Ok(Place::Disk(PathBuf::from(reference))),
+        Place::Library(_) => Place::Disk(PathBuf::from(reference)),
     }
 }
 
@@ -260,17 +266,8 @@ fn exists(place: &Place) -> Result<(), Lost> {
 }
 
 /// Reads a whole text file.
-pub(crate) fn read_text(place: &Place, bytes_max: u64) -> Result<String, Violation> {
-    let fail = |mistake, rule: String| Violation {
-        mistake,
-        file: place.name(),
-        line: 0,
-        column: 0,
-        key: String::new(),
-        value: String::new(),
-        rule,
-        suggestion: None,
-    };
+pub(crate) fn read_text(place: &Place, bytes_max: u64) -> Result<String, Box<Violation>> {
+    let fail = |mistake, rule: String| Box::new(Violation::of_file(mistake, place.name(), rule));
     match place {
         Place::Library(path) => Library::at(path)
             .map(|shipped| shipped.text.to_owned())
@@ -301,7 +298,8 @@ pub(crate) fn read_text(place: &Place, bytes_max: u64) -> Result<String, Violati
                 let before = error.utf8_error().valid_up_to();
                 let bytes = error.into_bytes();
                 let line = bytes.iter().take(before).filter(|byte| **byte == b'\n').count() as u32 + 1;
-                Violation { line, ..fail(Mistake::Unreadable, "is not UTF-8 text".to_owned()) }
+                let rule = "is not UTF-8 text";
+                Box::new(Violation { line, ..Violation::of_file(Mistake::Unreadable, place.name(), rule) })
             })
         }
     }
@@ -314,7 +312,7 @@ fn read_tree(
     sources: &mut Vec<Source>,
     chain: &mut Vec<(Place, String)>,
 ) -> Result<Node, Problems> {
-    let text = read_text(place, FILE_BYTES_MAX).map_err(Problems::one)?;
+    let text = read_text(place, FILE_BYTES_MAX).map_err(|violation| Problems::one(*violation))?;
     let index = sources.len();
     let mut node = tree::parse(&text, &place.name(), index)?;
     sources.push(Source { place: place.clone(), text });
@@ -384,16 +382,7 @@ fn apply_overrides(
     let mut indexed = Vec::new();
     for text in overrides {
         let mut fail = |key: &str, rule: String| {
-            problems.push(Violation {
-                mistake: Mistake::Override,
-                file: Place::Override.name(),
-                line: 0,
-                column: 0,
-                key: key.to_owned(),
-                value: String::new(),
-                rule,
-                suggestion: None,
-            });
+            problems.push(wrong_override(key, rule));
         };
         let Some((path, value)) = text.split_once('=') else {
             fail(text, "must be of the form path=value".to_owned());
@@ -413,18 +402,13 @@ fn apply_overrides(
     tree.origin = at;
     for (path, node) in indexed {
         if let Err(rule) = tree::put(tree, &path, node) {
-            problems.push(Violation {
-                mistake: Mistake::Override,
-                file: Place::Override.name(),
-                line: 0,
-                column: 0,
-                key: path,
-                value: String::new(),
-                rule,
-                suggestion: None,
-            });
+            problems.push(wrong_override(&path, rule));
         }
     }
+}
+
+fn wrong_override(key: &str, rule: String) -> Violation {
+    Violation { key: key.to_owned(), ..Violation::of_file(Mistake::Override, Place::Override.name(), rule) }
 }
 
 fn override_value(text: &str, origin: Origin) -> Node {
@@ -467,6 +451,17 @@ pub fn schema_json<T: Section>() -> serde_json::Value {
             .insert("extends".to_owned(), serde_json::json!({ "type": "string", "description": about }));
     }
     schema
+}
+
+/// The editors' schemas of all sections, each with the kind of file that it is for.
+pub fn all_schemas() -> Vec<(Kind, serde_json::Value)> {
+    vec![
+        (Kind::Scenario, schema_json::<crate::scenario::Scenario>()),
+        (Kind::Car, schema_json::<crate::car::Car>()),
+        (Kind::Suspension, schema_json::<crate::axle::Axle>()),
+        (Kind::Rig, schema_json::<crate::rig::Rig>()),
+        (Kind::Unit, schema_json::<crate::unit::SteeringUnit>()),
+    ]
 }
 
 /// Drops `required` except for the words that tell the branches of a choice apart.

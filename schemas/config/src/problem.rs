@@ -64,6 +64,22 @@ pub struct Violation {
     pub suggestion: Option<String>,
 }
 
+impl Violation {
+    /// About a file as a whole.
+    pub fn of_file(mistake: Mistake, file: impl Into<String>, rule: impl Into<String>) -> Self {
+        Self {
+            mistake,
+            file: file.into(),
+            line: 0,
+            column: 0,
+            key: String::new(),
+            value: String::new(),
+            rule: rule.into(),
+            suggestion: None,
+        }
+    }
+}
+
 impl fmt::Display for Violation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.file)?;

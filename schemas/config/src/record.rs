@@ -73,18 +73,8 @@ pub(crate) struct Wanted<'a> {
 /// Reads one column of a CSV file.
 pub(crate) fn read(path: &Path, wanted: &Wanted<'_>) -> Result<TimeSeries, Problems> {
     let name = path.display().to_string();
-    let whole = |mistake, rule: String| {
-        Problems::one(Violation {
-            mistake,
-            file: name.clone(),
-            line: 0,
-            column: 0,
-            key: String::new(),
-            value: String::new(),
-            rule,
-            suggestion: None,
-        })
-    };
+    let whole =
+        |mistake, rule: String| Problems::one(Violation::of_file(mistake, path.display().to_string(), rule));
     let about = std::fs::metadata(path)
         .map_err(|error| whole(Mistake::NotFound, format!("recorded file cannot be read: {error}")))?;
     if !about.is_file() {

@@ -317,7 +317,8 @@ impl Check for Scenario {
     fn check(&self, c: &mut Checker) {
         let plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '_' || letter == '-';
         c.require(self.name.chars().all(plain), "name", "must consist of letters, digits, `_` and `-`");
-        c.require(self.warm_up_s < self.duration_s, "warm_up_s", "must be shorter than duration_s");
+        let rule = format!("must be longer than warm_up_s ({} s)", self.warm_up_s);
+        c.require(self.duration_s > self.warm_up_s, "duration_s", rule);
         c.within("timing", |c| {
             let t = &self.timing;
             let allowed = [1.0, 0.5, 0.25].contains(&t.period_ms);

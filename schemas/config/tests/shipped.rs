@@ -50,3 +50,18 @@ fn a_section_written_out_loads_as_the_same() {
     std::fs::write(&path, toml::to_string(&loaded.value).unwrap()).unwrap();
     assert_eq!(load::<Scenario>(path.to_str().unwrap()).unwrap().value, loaded.value);
 }
+
+#[test]
+fn editors_get_a_schema_that_allows_extends_and_still_tells_variants_apart() {
+    let all = config::all_schemas();
+    assert_eq!(all.len(), 5);
+    for (kind, schema) in &all {
+        assert_eq!(schema["properties"]["extends"]["type"], "string", "{kind:?}");
+        assert_eq!(schema["additionalProperties"], false, "{kind:?}");
+        assert!(schema.get("required").is_none(), "{kind:?}: an extended file may state the rest");
+    }
+    let sine = &all[0].1["$defs"]["Steer"]["oneOf"][2];
+    assert_eq!(sine["required"], serde_json::json!(["type"]));
+    assert_eq!(sine["properties"]["type"]["const"], "sine");
+    assert!(sine["properties"]["frequency_hz"]["description"].as_str().unwrap().contains("[Hz]"));
+}
