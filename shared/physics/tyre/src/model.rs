@@ -245,7 +245,7 @@ impl Tyre {
     pub fn steady_state(&self, c: &Contact, mode: UseMode) -> Forces {
         // Beyond these bounds nothing is said of a tyre; they keep the powers finite.
         let fz = c.vertical_load_n.min(1e3 * self.p.fnomin);
-        if fz <= 0.0 || fz.is_nan() {
+        if fz <= 0.0 || c.vertical_load_n.is_nan() {
             return Forces::default();
         }
         let gamma = self.hand * c.camber_rad.clamp(-1.5, 1.5);
