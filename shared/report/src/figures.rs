@@ -74,8 +74,8 @@ impl<'a> Drawer<'a> {
                 "displacement in mm",
                 MM,
                 &[
-                    ("measured", "rig_measurement.rack_displacement_m", full(BLUE)),
-                    ("true (virtual plant)", "rig_status.true_rack_displacement_m", asked(GREEN)),
+                    ("true (virtual plant)", "rig_status.true_rack_displacement_m", full(GREEN)),
+                    ("measured", "rig_measurement.rack_displacement_m", asked(BLUE)),
                 ],
             ),
             self.time(

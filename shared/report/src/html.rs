@@ -199,6 +199,7 @@ fn tracking(page: &mut String, summary: &RunSummary) {
     }
     *page += "</tbody></table><p class=\"note\">Error = command − measurement of the same tick while steering is active, \
               in % of half the command's peak-to-peak; both through a zero-phase 50 Hz filter.</p>\n";
+    loops(page, summary);
     let this = published_for(&summary.scenario);
     *page += "<h3>Published: hydraulic bench on hardware</h3><table class=\"numbers\"><thead><tr><th>Tie-rod force error in %</th>\
               <th>left peak</th><th>left rms</th><th>right peak</th><th>right rms</th></tr></thead><tbody>";
@@ -210,6 +211,21 @@ fn tracking(page: &mut String, summary: &RunSummary) {
         );
     }
     *page += "</tbody></table>\n";
+}
+
+fn loops(page: &mut String, summary: &RunSummary) {
+    const PER_DEG: f64 = std::f64::consts::PI / 180.0;
+    let (angle, acceleration) = (&summary.torque_over_angle, &summary.torque_over_acceleration);
+    *page += &format!(
+        "<h3>Steering-torque loops</h3><table class=\"numbers\"><thead><tr><th>Loop</th><th>gradient at 0</th>\
+         <th>width at 0</th></tr></thead><tbody>\
+         <tr><td>over steering-wheel angle</td><td>{} N·m/°</td><td>{} N·m</td></tr>\
+         <tr><td>over lateral acceleration</td><td>{} N·m/(m/s²)</td><td>{} N·m</td></tr></tbody></table>\n",
+        fixed(angle.gradient, PER_DEG, 4),
+        fixed(angle.width_n_m, 1.0, 3),
+        fixed(acceleration.gradient, 1.0, 3),
+        fixed(acceleration.width_n_m, 1.0, 3),
+    );
 }
 
 fn overlays(page: &mut String, summary: &RunSummary) {

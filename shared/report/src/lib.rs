@@ -19,7 +19,8 @@ pub use html::{ReportOptions, plotly_js, report_html};
 pub use overlay::{Overlay, OverlayResult};
 pub use published::{PUBLISHED_TRACKING, PublishedTracking, published_for};
 pub use summary::{
-    LogSummary, Peaks, RunSummary, ServiceTiming, SolverSummary, Span, TrackingFigures, Trip, summarise,
+    LogSummary, LoopFigures, Peaks, RunSummary, ServiceTiming, SolverSummary, Span, TrackingFigures, Trip,
+    summarise,
 };
 pub use table::STATES;
 pub use verdict::{Limits, Outcome, Verdict};

@@ -22,11 +22,13 @@
       Promise.all(others.map((other) => Plotly.relayout(other, update))).finally(() => { linking = false; });
     });
   });
-  const resize = () => nodes.forEach((node) => Plotly.Plots.resize(node));
+  // A printed page has one figure to a row; 670 px is the width of A4 between its margins.
   window.addEventListener("beforeprint", () => {
     document.querySelectorAll("details").forEach((d) => { d.open = true; });
-    resize();
+    nodes.forEach((node) => Plotly.relayout(node, { autosize: false, width: 670 }));
   });
-  window.addEventListener("afterprint", resize);
+  window.addEventListener("afterprint", () => {
+    nodes.forEach((node) => Plotly.relayout(node, { autosize: true, width: null }));
+  });
   document.body.dataset.drawn = String(nodes.length);
 })();

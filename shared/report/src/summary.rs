@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use metrics::fit::{crossing, gradient};
 use metrics::statistics::{Distribution, mean, peak, range};
 use metrics::tracking::{Tracking, tracking};
 use record::LogReader;
@@ -60,6 +61,10 @@ pub struct RunSummary {
     pub true_force_tracking: [TrackingFigures; 2],
     /// Ball height, left and right: command against measured stroke.
     pub height_tracking: [TrackingFigures; 2],
+    /// Steering torque over steering-wheel angle.
+    pub torque_over_angle: LoopFigures,
+    /// Steering torque over lateral acceleration.
+    pub torque_over_acceleration: LoopFigures,
     /// Energy fed into the steering by the tracking error over the run. [J]
     pub port_energy_j: Option<f64>,
     /// Largest estimated delay from force command to measured force. [s]
@@ -144,6 +149,17 @@ pub struct TrackingFigures {
     pub error_rms_percent: Option<f64>,
     /// Lag behind the command. [s]
     pub lag_s: Option<f64>,
+}
+
+/// A loop of steering torque while steering is active. The gradient is that of the line through the points
+/// within a tenth of the largest deflection around 0, the width the torque at 0 with rising minus with falling
+/// deflection. Not the figures of ISO 13674-1: those need its conditions.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct LoopFigures {
+    /// Gradient at 0. [N·m/rad] or [N·m/(m/s²)]
+    pub gradient: Option<f64>,
+    /// Width of the hysteresis at 0. [N·m]
+    pub width_n_m: Option<f64>,
 }
 
 /// The multibody solver over the run.
@@ -282,6 +298,8 @@ pub fn summarise(log: &LogReader, overlays: &[Overlay], limits: &Limits) -> RunS
                 side(i),
             )
         }),
+        torque_over_angle: torque_loop(&run, "rig_measurement", "steering_wheel_angle_rad"),
+        torque_over_acceleration: torque_loop(&run, "vehicle_state", "acceleration_m_s2.y"),
         port_energy_j: run.last("rig_status", "port_energy_j").and_then(|w| known(f64::from_bits(w))),
         loop_delay_max_s: peak_of("rig_status", "loop_delay_s"),
         solver: solver(&run),
@@ -359,6 +377,20 @@ fn track(run: &Run<'_>, command: (&str, &str), measured: (&str, &str), side: &st
         }
     }
     figures
+}
+
+fn torque_loop(run: &Run<'_>, region: &str, column: &str) -> LoopFigures {
+    let torque = run.numbers("rig_measurement", "steering_wheel_torque_n_m");
+    let (Some(x), Some(y), Some(active)) = (run.numbers(region, column), torque, run.active()) else {
+        return LoopFigures { gradient: None, width_n_m: None };
+    };
+    let active = (0..x.len()).filter(|&i| active[i] && x[i].is_finite() && y[i].is_finite());
+    let (x, y): (Vec<f64>, Vec<f64>) = active.map(|i| (x[i], y[i])).unzip();
+    let near = 0.1 * peak(&x);
+    LoopFigures {
+        gradient: gradient(&x, &y, 0.0, near).and_then(|line| known(line.slope)),
+        width_n_m: crossing(&x, &y, 0.0).and_then(|crossing| known(crossing.width)),
+    }
 }
 
 fn solver(run: &Run<'_>) -> SolverSummary {

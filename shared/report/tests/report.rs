@@ -204,6 +204,15 @@ fn the_figures_of_a_known_run() {
     assert!((o.normalised_rms_error_percent.unwrap() - 100.0 * (1.0 - 1.0 / 1.05)).abs() < 0.5, "{o:?}");
     assert!(o.rms_error.unwrap() > o.rms_error_aligned.unwrap());
 
+    // 3.5 N·m of torque to 1.4 rad of angle, near 0 also lifted by the friction; 0.4 N·m of it each way.
+    let width = summary.torque_over_angle.width_n_m.unwrap();
+    assert!((0.7..1.1).contains(&width.abs()), "{width}");
+    assert!(
+        (summary.torque_over_angle.gradient.unwrap() / 2.5 - 1.0).abs() < 0.25,
+        "{:?}",
+        summary.torque_over_angle
+    );
+
     let compute = summary.timing[1].compute_s.unwrap();
     assert!((120e-6..=168e-6).contains(&compute.p50) && compute.max <= 168e-6);
     assert!(summary.passed, "{:#?}", summary.verdicts);
