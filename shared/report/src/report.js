@@ -1,10 +1,11 @@
 "use strict";
 (() => {
   const figures = JSON.parse(document.getElementById("data").textContent);
+  const heights = figures.map((figure) => figure.layout.height || 300);
   const options = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
   const nodes = figures.map((figure, i) => {
     const node = document.getElementById("figure-" + i);
-    if (!figure.layout.height) figure.layout.height = 300;
+    figure.layout.height = heights[i];
     Plotly.newPlot(node, figure.data, figure.layout, options);
     return node;
   });
@@ -22,13 +23,15 @@
       Promise.all(others.map((other) => Plotly.relayout(other, update))).finally(() => { linking = false; });
     });
   });
-  // A printed page has one figure to a row; 670 px is the width of A4 between its margins.
+  // A printed page has three figures, one to a row; 670 px is the width of A4 between its margins.
   window.addEventListener("beforeprint", () => {
     document.querySelectorAll("details").forEach((d) => { d.open = true; });
-    nodes.forEach((node) => Plotly.relayout(node, { autosize: false, width: 670 }));
+    nodes.forEach((node, i) => {
+      Plotly.relayout(node, { autosize: false, width: 670, height: Math.max(heights[i] - 38, 262) });
+    });
   });
   window.addEventListener("afterprint", () => {
-    nodes.forEach((node) => Plotly.relayout(node, { autosize: true, width: null }));
+    nodes.forEach((node, i) => Plotly.relayout(node, { autosize: true, width: null, height: heights[i] }));
   });
   document.body.dataset.drawn = String(nodes.length);
 })();
