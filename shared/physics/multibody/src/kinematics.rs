@@ -42,8 +42,23 @@ pub struct Kinematics {
     placed: Vec<Placed>,
     rows: Vec<Row>,
     rhs: Vec<f64>,
+    left: Vec<f64>,
+    correction: Vec<f64>,
     steps: Vec<f64>,
     limits: Limits,
+    /// What the factors at hand belong to.
+    factors: Factors,
+}
+
+/// Which Jacobian the factors at hand belong to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Factors {
+    /// None of use.
+    None,
+    /// That of the last Newton step, a hair's breadth away from the evaluated rows.
+    LastStep,
+    /// That of the evaluated rows.
+    Rows,
 }
 
 impl Kinematics {
@@ -67,9 +82,22 @@ impl Kinematics {
             constraints: vec![mechanism.constraints()[mechanism.constraint_of_row(row.0)].name.clone()],
         })?;
         let design_positive = system.determinant_positive();
-        let rhs = vec![0.0; mechanism.rows()];
+        let (rhs, left) = (vec![0.0; mechanism.rows()], vec![0.0; mechanism.rows()]);
+        let correction = left.clone();
         let steps = Vec::with_capacity(limits.iterations as usize);
-        Ok(Self { mechanism, system, design_positive, placed, rows, rhs, steps, limits })
+        Ok(Self {
+            mechanism,
+            system,
+            design_positive,
+            placed,
+            rows,
+            rhs,
+            left,
+            correction,
+            steps,
+            limits,
+            factors: Factors::None,
+        })
     }
 
     /// The mechanism.
@@ -113,7 +141,7 @@ impl Kinematics {
     /// Out of reach, singular, or beyond a dead point, with the constraint that is worst off.
     pub fn position(&mut self, poses: &mut [Pose], drives: &[Drive]) -> Result<Solved, Failure> {
         let mut step = f64::INFINITY;
-        let mut factored = false;
+        self.factors = Factors::None;
         self.steps.clear();
         let mut iterations = 0;
         loop {
@@ -131,7 +159,9 @@ impl Kinematics {
             }
             let enough = step <= self.limits.step || residual <= Limits::PHI_NOTHING;
             if residual <= self.limits.phi && enough {
-                if factored && self.system.determinant_positive() != self.design_positive {
+                if self.factors == Factors::LastStep
+                    && self.system.determinant_positive() != self.design_positive
+                {
                     return Err(self.failure(Reason::WrongBranch, Some(worst), iterations, residual));
                 }
                 return Ok(Solved { iterations, residual });
@@ -142,7 +172,7 @@ impl Kinematics {
             if let Err(singular) = self.system.factor(&self.rows) {
                 return Err(self.failure(Reason::Singular, Some(singular.0), iterations, residual));
             }
-            factored = true;
+            self.factors = Factors::LastStep;
             for (x, row) in self.rhs.iter_mut().zip(&self.rows) {
                 *x = -row.phi;
             }
@@ -166,18 +196,46 @@ impl Kinematics {
     pub fn prepare(&mut self, poses: &[Pose], drives: &[Drive]) -> Result<(), Failure> {
         self.place(poses);
         self.mechanism.evaluate_placed(&self.placed, drives, &mut self.rows);
-        self.system
-            .factor(&self.rows)
-            .map_err(|singular| self.failure(Reason::Singular, Some(singular.0), 0, 0.0))
+        self.factor_rows()
     }
 
-    /// Velocities at the prepared poses: Φ_q v = ν.
-    pub fn velocity(&mut self, drives: &[Drive], twists: &mut [Twist]) {
+    fn factor_rows(&mut self) -> Result<(), Failure> {
+        self.factors = Factors::None;
+        if let Err(singular) = self.system.factor(&self.rows) {
+            return Err(self.failure(Reason::Singular, Some(singular.0), 0, 0.0));
+        }
+        self.factors = Factors::Rows;
+        Ok(())
+    }
+
+    /// Velocities where the rows were evaluated last (by `position` or `prepare`): Φ_q v = ν. After
+    /// `position` the last Newton step's factors serve, corrected twice with the Jacobian of the rows.
+    ///
+    /// # Errors
+    /// Singular, with the constraint.
+    pub fn velocity(&mut self, drives: &[Drive], twists: &mut [Twist]) -> Result<(), Failure> {
+        if self.factors == Factors::None {
+            self.factor_rows()?;
+        }
         self.mechanism.velocity_right_side(drives, &mut self.rhs);
+        self.left.copy_from_slice(&self.rhs);
         self.system.solve(&mut self.rhs);
+        // With the factors of the step before: each correction takes the error to the next power.
+        let corrections = if self.factors == Factors::LastStep { 2 } else { 0 };
+        for _ in 0..corrections {
+            self.correction.copy_from_slice(&self.left);
+            for (r, row) in self.rows.iter().enumerate() {
+                self.correction[r] -= self.mechanism.row_product(r, row, &self.rhs);
+            }
+            self.system.solve(&mut self.correction);
+            for (x, more) in self.rhs.iter_mut().zip(&self.correction) {
+                *x += more;
+            }
+        }
         for (twist, x) in twists.iter_mut().zip(self.rhs.chunks_exact(6)) {
             *twist = Twist::from_slice(x);
         }
+        Ok(())
     }
 
     /// Accelerations at the prepared poses: Φ_q a = γ.

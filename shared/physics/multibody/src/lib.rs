@@ -13,6 +13,7 @@ pub mod failure;
 pub mod kinematics;
 pub mod linear;
 pub mod mechanism;
+pub mod structured;
 pub mod suspension;
 pub mod system;
 

@@ -11,6 +11,7 @@ pub struct Mechanism {
     bodies: Vec<Body>,
     constraints: Vec<Constraint>,
     first_row: Vec<usize>,
+    constraint_of_row: Vec<usize>,
     rows: usize,
 }
 
@@ -72,7 +73,9 @@ impl Mechanism {
             first_row.push(rows);
             rows += constraint.kind.rows();
         }
-        Self { bodies, constraints, first_row, rows }
+        let of_row = |row| first_row.partition_point(|first| *first <= row) - 1;
+        let constraint_of_row = (0..rows).map(of_row).collect();
+        Self { bodies, constraints, first_row, constraint_of_row, rows }
     }
 
     /// The bodies.
@@ -108,7 +111,7 @@ impl Mechanism {
     /// The constraint to which a row belongs.
     #[must_use]
     pub fn constraint_of_row(&self, row: usize) -> usize {
-        self.first_row.partition_point(|first| *first <= row) - 1
+        self.constraint_of_row[row]
     }
 
     /// What the mechanism consists of.
@@ -165,6 +168,19 @@ impl Mechanism {
         for (constraint, first) in self.constraints.iter().zip(&self.first_row) {
             constraint.velocity_right_side(drives, &mut out[*first..*first + constraint.kind.rows()]);
         }
+    }
+
+    /// Row `r` of the Jacobian times the coordinates x, six per body.
+    #[inline]
+    pub(crate) fn row_product(&self, r: usize, row: &Row, x: &[f64]) -> f64 {
+        let c = &self.constraints[self.constraint_of_row[r]];
+        let (i, j) = (&x[6 * c.i..6 * c.i + 6], &x[6 * c.j..6 * c.j + 6]);
+        let mut sum = 0.0;
+        for k in 0..6 {
+            // The first half of an absolute constraint's row is zero.
+            sum += row.jac[k] * i[k] + row.jac[6 + k] * j[k];
+        }
+        sum
     }
 
     /// Columns of row entry `local` (0..12) of a constraint; `None` for the unused half of absolute ones.

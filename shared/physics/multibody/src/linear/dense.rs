@@ -39,40 +39,49 @@ impl DenseLu {
     /// # Errors
     /// The row in which no pivot was left.
     pub fn factor(&mut self) -> Result<(), SingularRow> {
-        let n = self.n;
-        for (k, row) in self.row_of.iter_mut().enumerate() {
+        // One body of code; the orders of single bodies and pairs get loops of known length.
+        match self.n {
+            6 => self.factor_of_order(6),
+            12 => self.factor_of_order(12),
+            n => self.factor_of_order(n),
+        }
+    }
+
+    #[inline(always)]
+    fn factor_of_order(&mut self, n: usize) -> Result<(), SingularRow> {
+        let lu = &mut self.lu[..n * n];
+        let row_of = &mut self.row_of[..n];
+        for (k, row) in row_of.iter_mut().enumerate() {
             *row = k;
         }
         self.odd = false;
-        let scale = self.lu.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let scale = lu.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         for k in 0..n {
             let mut best = k;
             for i in k + 1..n {
-                if self.lu[i * n + k].abs() > self.lu[best * n + k].abs() {
+                if lu[i * n + k].abs() > lu[best * n + k].abs() {
                     best = i;
                 }
             }
-            let pivot = self.lu[best * n + k];
+            let pivot = lu[best * n + k];
             // Negated so that NaN counts as singular.
             if !(pivot.abs() > PIVOT_MIN * scale) {
-                return Err(SingularRow(self.row_of[best]));
+                return Err(SingularRow(row_of[best]));
             }
             if best != k {
-                let (upper, lower) = self.lu.split_at_mut(best * n);
+                let (upper, lower) = lu.split_at_mut(best * n);
                 upper[k * n..k * n + n].swap_with_slice(&mut lower[..n]);
-                self.row_of.swap(k, best);
+                row_of.swap(k, best);
                 self.odd = !self.odd;
             }
             let inverse = 1.0 / pivot;
-            let (upper, lower) = self.lu.split_at_mut((k + 1) * n);
-            let pivot_row = &upper[k * n + k + 1..(k + 1) * n];
+            let (upper, lower) = lu.split_at_mut((k + 1) * n);
+            let pivot_row = &upper[k * n..(k + 1) * n];
             for row in lower.chunks_exact_mut(n) {
                 let l = row[k] * inverse;
                 row[k] = l;
-                if l != 0.0 {
-                    for (x, u) in row[k + 1..].iter_mut().zip(pivot_row) {
-                        *x -= l * u;
-                    }
+                for c in k + 1..n {
+                    row[c] -= l * pivot_row[c];
                 }
             }
         }
@@ -87,40 +96,64 @@ impl DenseLu {
 
     /// x ← A⁻¹ x.
     pub fn solve(&mut self, x: &mut [f64]) {
-        let n = self.n;
+        match self.n {
+            6 => self.solve_of_order(6, x),
+            12 => self.solve_of_order(12, x),
+            n => self.solve_of_order(n, x),
+        }
+    }
+
+    #[inline(always)]
+    fn solve_of_order(&mut self, n: usize, x: &mut [f64]) {
+        let (lu, work, row_of) = (&self.lu[..n * n], &mut self.work[..n], &self.row_of[..n]);
         for k in 0..n {
-            self.work[k] = x[self.row_of[k]];
+            work[k] = x[row_of[k]];
         }
         for k in 0..n {
-            let sum: f64 = (0..k).map(|c| self.lu[k * n + c] * self.work[c]).sum();
-            self.work[k] -= sum;
+            let mut y = work[k];
+            for c in 0..k {
+                y -= lu[k * n + c] * work[c];
+            }
+            work[k] = y;
         }
         for k in (0..n).rev() {
-            let sum: f64 = (k + 1..n).map(|c| self.lu[k * n + c] * self.work[c]).sum();
-            self.work[k] = (self.work[k] - sum) / self.lu[k * n + k];
+            let mut y = work[k];
+            for c in k + 1..n {
+                y -= lu[k * n + c] * work[c];
+            }
+            work[k] = y / lu[k * n + k];
         }
-        x[..n].copy_from_slice(&self.work);
+        x[..n].copy_from_slice(work);
     }
 
     /// x ← A⁻ᵀ x.
     pub fn solve_transposed(&mut self, x: &mut [f64]) {
-        let n = self.n;
-        self.work.copy_from_slice(&x[..n]);
+        match self.n {
+            6 => self.solve_transposed_of_order(6, x),
+            12 => self.solve_transposed_of_order(12, x),
+            n => self.solve_transposed_of_order(n, x),
+        }
+    }
+
+    #[inline(always)]
+    fn solve_transposed_of_order(&mut self, n: usize, x: &mut [f64]) {
+        let (lu, work, row_of) = (&self.lu[..n * n], &mut self.work[..n], &self.row_of[..n]);
+        work.copy_from_slice(&x[..n]);
         for k in 0..n {
-            let y = self.work[k] / self.lu[k * n + k];
-            self.work[k] = y;
+            let y = work[k] / lu[k * n + k];
+            work[k] = y;
             for c in k + 1..n {
-                self.work[c] -= self.lu[k * n + c] * y;
+                work[c] -= lu[k * n + c] * y;
             }
         }
         for k in (0..n).rev() {
-            let y = self.work[k];
+            let y = work[k];
             for c in 0..k {
-                self.work[c] -= self.lu[k * n + c] * y;
+                work[c] -= lu[k * n + c] * y;
             }
         }
         for k in 0..n {
-            x[self.row_of[k]] = self.work[k];
+            x[row_of[k]] = work[k];
         }
     }
 }

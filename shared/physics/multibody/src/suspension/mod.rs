@@ -227,7 +227,7 @@ impl Suspension {
         let input = self.input;
         // The pose is a solved one: a failure can only mean a state that was not saved by this model; the
         // output then stays what it was, and the next tick is held.
-        let _ = self.forces(&input);
+        let _ = self.forces(&input, true);
     }
 
     fn solve(&mut self, input: &SuspensionInput) -> Result<Solved, Failure> {
@@ -258,22 +258,23 @@ impl Suspension {
             total = Solved { iterations: total.iterations + solved.iterations, residual: solved.residual };
         }
         self.turn_friction();
-        self.forces(input)?;
+        self.forces(input, false)?;
         self.poses.copy_from_slice(&self.trial);
         self.input = *input;
         Ok(total)
     }
 
-    /// Velocities and stage 2 at the trial pose; writes `good`.
-    fn forces(&mut self, input: &SuspensionInput) -> Result<(), Failure> {
+    /// Velocities and stage 2 at the trial pose; writes `good`. `fresh` unless stage 1 has just ended there.
+    fn forces(&mut self, input: &SuspensionInput, fresh: bool) -> Result<(), Failure> {
         let drives = drives(&self.model, input);
-        self.kinematic.velocity(&self.trial, &drives, &mut self.twists)?;
+        self.kinematic.velocity(&self.trial, &drives, fresh, &mut self.twists)?;
         if self.model.sides.iter().any(|s| matches!(s.steering_axis, model::SteeringAxis::Instantaneous)) {
             let mut unit = drives;
             unit[0].speed = 1.0;
             unit[1].speed = 0.0;
             unit[2].speed = 0.0;
-            self.kinematic.velocity(&self.trial, &unit, &mut self.axis_twists)?;
+            // A function of the pose alone, so that a restored state finds the same axis.
+            self.kinematic.velocity(&self.trial, &unit, true, &mut self.axis_twists)?;
         }
         for (pose, follow) in self.reaction_poses.iter_mut().zip(&self.model.follow) {
             *pose = follow.pose(&self.trial);
