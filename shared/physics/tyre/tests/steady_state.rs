@@ -189,3 +189,23 @@ fn shipped_tyre_has_the_books_figures() {
     let cornering = 14.95 * 4000.0 * (2.0 * (1.0_f64 / 2.13).atan()).sin();
     assert!((f.cornering_stiffness_n_rad.abs() - cornering).abs() < 1e-6);
 }
+
+/// The arm of Fx in Mz takes side force over Fz0, not over Fz0' (A56): seen only with LFZO other than 1, which no
+/// reference table has together with SSZ2.
+#[test]
+fn arm_of_fx_is_over_the_nominal_load() {
+    let path = support::workspace().join("schemas/tyres/car_205_60r15.tir");
+    let text = std::fs::read_to_string(path).unwrap();
+    let text = text
+        .replace("LFZO = 1\n", "LFZO = 0.7\n")
+        .replace("SSZ2 = 0.001", "SSZ2 = 0.03")
+        .replace("RVY1 = 0.053", "RVY1 = 0")
+        .replace("RVY2 = -0.073", "RVY2 = 0");
+    let tyre = Tyre::from_tir(&text, "x.tir").unwrap();
+    let c = Contact { slip_ratio: -0.05, slip_angle_rad: 0.05, ..contact(&tyre) };
+    let f = tyre.steady_state(&c, UseMode::SmallAngle);
+    // At zero camber and without κ-induced side force Fy' is Fy (4.E71), (4.E72).
+    let arm = (f.mz_n_m + f.trail_m * f.fy_n - f.residual_torque_n_m) / f.fx_n;
+    let expected = 0.313 * (0.043 + 0.03 * f.fy_n / 4000.0);
+    assert!((arm - expected).abs() < 1e-12, "{arm} {expected}");
+}

@@ -322,3 +322,48 @@ fn restored_state_continues_bit_exactly() {
         assert_eq!(state, other);
     }
 }
+
+/// A change of load on a loaded, standing tyre gives nothing to the spring.
+#[test]
+fn load_changes_do_not_pump_the_spring() {
+    for tyre in tyres() {
+        for axis in 0..2 {
+            let mut m = motion(&tyre, 0.0, if axis == 0 { [0.02, 0.0] } else { [0.0, 0.02] });
+            m.vertical_load_n *= 0.7;
+            let mut state = TransientState::default();
+            for _ in 0..200 {
+                tyre.transient_step(&mut state, &m, UseMode::AlphaStar, DT);
+            }
+            let start = state.energy_j();
+            assert!(start > 0.1);
+            m.slip_speed_x_m_s = 0.0;
+            m.slip_speed_y_m_s = 0.0;
+            let mut before = start;
+            for i in 0..2000 {
+                m.vertical_load_n = tyre.info().nominal_load_n * (1.0 - 0.3 * (f64::from(i) * 0.01).cos());
+                tyre.transient_step(&mut state, &m, UseMode::AlphaStar, DT);
+                assert!(state.energy_j() <= before * (1.0 + 1e-12), "{}", tyre.info().file_name);
+                before = state.energy_j();
+            }
+        }
+    }
+}
+
+/// In gross sliding the force is reached in the way it takes to deflect the carcass, not in the relaxation length.
+#[test]
+fn large_slip_relaxes_in_the_carcass_deflection() {
+    for tyre in tyres() {
+        let fz = tyre.info().nominal_load_n;
+        let sigma = tyre.relaxation_length_m(fz, 0.0, tyre.info().inflation_pressure_pa)[1];
+        let speed = 10.0;
+        let m = motion(&tyre, speed, [0.0, speed * 0.5_f64.tan()]);
+        let dt = 1e-4;
+        let mut state = TransientState::default();
+        let response: Vec<f64> =
+            (0..5000).map(|_| tyre.transient_step(&mut state, &m, UseMode::AlphaStar, dt).fy_n).collect();
+        let last = response[4999];
+        let way = speed * dt * response.iter().position(|f| f / last > 0.632).unwrap() as f64;
+        println!("{}: 63 % after {way:.3} m at 0.5 rad, σ {sigma:.3} m", tyre.info().file_name);
+        assert!(way < 0.6 * sigma, "{way} {sigma}");
+    }
+}
