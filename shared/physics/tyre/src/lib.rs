@@ -5,6 +5,9 @@
 //! Axes ISO-W (TYDEX): x forward, y left, z up, at the contact centre; α < 0 gives Fy > 0, κ > 0 drives, camber
 //! γ > 0 leans the wheel's top to the right of its heading (positive rotation about x). Units SI, radians.
 
+// Units stand in brackets in docs: [N], [m/s].
+#![allow(rustdoc::broken_intra_doc_links)]
+
 mod evaluate;
 mod formula;
 mod keys;
