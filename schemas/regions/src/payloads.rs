@@ -78,6 +78,8 @@ payload! {
         held_count: u64 One "1",
         /// 1 while the manoeuvre steers.
         manoeuvre_active: u64 One "1",
+        /// Who turns the hand wheel: 0 nobody (hands off, or a human at the rig), 1 the steer actuator to the angle.
+        hand_wheel_mode: u64 One "1",
         /// Hand-wheel angle the manoeuvre asks for, left turn positive.
         steering_wheel_angle_command_rad: f64 One "rad",
         /// Its rate.
@@ -300,7 +302,7 @@ payload! {
 payload! {
     /// How far the logger is.
     LoggerStatus version 1 {
-        /// Tick this was published for.
+        /// Count of this status: it is published when there is news, not each tick.
         tick: u64 One "1",
         /// Ticks below this one are read of each region that is written every tick.
         read_tick: u64 One "1",

@@ -199,7 +199,7 @@ impl Logger {
 
     fn publish(&mut self) {
         let stats = self.log.stats();
-        self.status.tick = self.status.read_tick;
+        self.status.tick = self.sequence;
         self.status.message_count = stats.messages;
         self.status.write_error_count = stats.write_errors;
         self.status.byte_count = stats.bytes;

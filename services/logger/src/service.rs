@@ -3,7 +3,7 @@
 use crate::{Finished, Logger, run};
 use assembly::manifest::{Drive, Manifest};
 use assembly::service::{ServiceError, open_table, wait_for_start};
-use record::{LogError, LogHeader, LogWriter, Source};
+use record::{LogError, LogHeader, LogWriter, Source, text_hash};
 use runtime::clock::Nanos;
 use runtime::realtime::{self, Wish};
 use std::sync::Arc;
@@ -22,6 +22,9 @@ const POLL_LOCKSTEP_NS: Nanos = 100_000;
 pub fn create_log(manifest: &Manifest, t0_ns: Nanos) -> Result<LogWriter, LogError> {
     let resolved = &manifest.resolved;
     let lockstep = manifest.drive == Drive::Lockstep;
+    let configuration = resolved.canonical_json();
+    let mut versions = manifest.versions.clone();
+    versions.insert("configuration_sha256".to_owned(), resolved.hash());
     let header = LogHeader {
         bench: manifest.bench.clone(),
         scenario: resolved.scenario.name.clone(),
@@ -32,9 +35,9 @@ pub fn create_log(manifest: &Manifest, t0_ns: Nanos) -> Result<LogWriter, LogErr
         monotonic_start_ns: if lockstep { 0 } else { t0_ns },
         lockstep,
         seed: resolved.scenario.seed,
-        versions: manifest.versions.clone(),
-        configuration_hash: resolved.hash(),
-        configuration: resolved.to_text(),
+        versions,
+        configuration_hash: text_hash(&configuration),
+        configuration,
         sources: resolved
             .sources
             .iter()

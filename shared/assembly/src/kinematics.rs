@@ -2,7 +2,7 @@
 //! and solver are one consistent thing (spec 3.1): pose of each knuckle over wheel travel and rack.
 
 use config::axle::Axle;
-use multibody::{Suspension, SuspensionInput, SuspensionOutput};
+use multibody::{Status, Suspension, SuspensionInput, SuspensionOutput};
 use vehicle::kinematics::{AxleKinematics, Grid, KnuckleSample};
 
 /// Wheel travel asked for; the sweep is narrowed where the mechanism does not reach. [m]
@@ -20,8 +20,7 @@ pub fn axle_kinematics(axle: &Axle, rack_max_m: f64) -> Result<AxleKinematics, V
     let mut scale = 1.0;
     while scale > 0.35 {
         if let Some((grid, sides)) = sweep(&mut solver, TRAVEL_M * scale, rack_max_m * scale.max(0.8)) {
-            let axes = solver.spin_axes();
-            return AxleKinematics::from_samples(grid, &sides[0], &sides[1], axes).map_err(|e| vec![e]);
+            return AxleKinematics::from_samples(grid, &sides[0], &sides[1], [axle.spin_axis(0), axle.spin_axis(1)]).map_err(|e| vec![e]);
         }
         scale -= 0.05;
     }
@@ -51,10 +50,10 @@ fn sweep(
     };
     let mut sides = [vec![blank; TRAVELS * racks], vec![blank; TRAVELS * racks]];
     let mut output = SuspensionOutput::default();
-    let mut input = SuspensionInput::default();
+    let mut input = SuspensionInput::DESIGN;
     let mut pose = |input: &SuspensionInput, solver: &mut Suspension| {
         solver.step(input, &mut output);
-        output.status.converged().then_some(output.clone())
+        (output.status == Status::Converged).then_some(output)
     };
     solver.reset();
     input.rack_m = 0.0;
@@ -62,7 +61,7 @@ fn sweep(
     // Snake from the middle outwards, so that each solve starts next to the one before.
     for half in [1.0_f64, -1.0] {
         solver.reset();
-        pose(&SuspensionInput::default(), solver)?;
+        pose(&SuspensionInput::DESIGN, solver)?;
         let middle = racks / 2;
         let columns: Vec<usize> =
             if half > 0.0 { (middle..racks).collect() } else { (0..middle).rev().collect() };
@@ -75,7 +74,7 @@ fn sweep(
                 let target = SuspensionInput {
                     rack_m,
                     wheel_height_m: [grid.travel_m(i); 2],
-                    ..SuspensionInput::default()
+                    ..SuspensionInput::DESIGN
                 };
                 let from = input;
                 let mut solved = None;
@@ -91,9 +90,9 @@ fn sweep(
                 let solved = solved?;
                 for side in 0..2 {
                     let (now, zero) = (&solved.side[side], &design.side[side]);
-                    let direction = now.upper_ball_m - now.lower_ball_m;
+                    let direction = now.upper_joint_m - now.lower_joint_m;
                     let moved = now.wheel_centre_m - zero.wheel_centre_m;
-                    let point = now.lower_ball_m - zero.wheel_centre_m;
+                    let point = now.lower_joint_m - zero.wheel_centre_m;
                     sides[side][i * racks + j] = KnuckleSample {
                         attitude: now.knuckle_quaternion,
                         x_m: moved.x,
@@ -104,7 +103,7 @@ fn sweep(
                 }
             }
         }
-        input = SuspensionInput::default();
+        input = SuspensionInput::DESIGN;
     }
     Some((grid, sides))
 }

@@ -3,7 +3,7 @@
 use crate::AssemblyError;
 use crate::guard::{Guard, Verdict};
 use config::ResolvedBench;
-use multibody::{Suspension, SuspensionInput, SuspensionOutput};
+use multibody::{Status, Suspension, SuspensionInput, SuspensionOutput};
 use nalgebra::Vector3;
 use regions::{
     MultibodyCheckpoint, NO_TICK, Payload, RegionId, RigMeasurement, SuspensionState, VehicleState, model_flags,
@@ -49,8 +49,8 @@ impl MultibodyNode {
         let axle = &resolved.front_axle;
         let mut suspension = Suspension::new(axle).map_err(|e| AssemblyError::new("front axle", [e]))?;
         let mut output = SuspensionOutput::default();
-        suspension.step(&SuspensionInput::default(), &mut output);
-        if !output.status.converged() {
+        suspension.step(&SuspensionInput::DESIGN, &mut output);
+        if output.status != Status::Converged {
             return Err(AssemblyError::new("front axle", ["the design pose cannot be solved: check the hardpoints"]));
         }
         let limit = resolved.scenario.limits.stale_after_ticks;
@@ -61,9 +61,9 @@ impl MultibodyNode {
         Ok(MultibodyNode {
             suspension,
             output,
-            input: SuspensionInput::default(),
+            input: SuspensionInput::DESIGN,
             period_s: resolved.scenario.timing.period_s(),
-            rack_max_m: axle.rack_full_m,
+            rack_max_m: axle.rack_stroke_m,
             ball_design_m,
             rig_guard: Guard::new(limit),
             vehicle_guard: Guard::new(limit),
@@ -116,7 +116,7 @@ impl Model for MultibodyNode {
         let state = &mut self.last;
         if rig != Verdict::Stale && vehicle != Verdict::Stale {
             self.suspension.step(&self.input, &mut self.output);
-            if !self.output.status.converged() {
+            if self.output.status != Status::Converged {
                 flags |= model_flags::HELD_POSE;
             }
             fill(state, &self.output, &self.ball_design_m);
@@ -163,7 +163,7 @@ impl Model for MultibodyNode {
 }
 
 fn fill(state: &mut SuspensionState, o: &SuspensionOutput, ball_design_m: &[f64; 2]) {
-    state.solver_status = o.status.code();
+    state.solver_status = u64::from(o.status.code());
     state.iterations = u64::from(o.iterations);
     state.residual_m = o.residual;
     state.rack_force_n = o.rack_force_n;

@@ -1,15 +1,16 @@
 //! The vehicle node: rack in, car out, and what the manoeuvre asks of the hand wheel.
 
 use crate::guard::{Guard, Verdict};
-use crate::{AssemblyError, axle_kinematics};
+use crate::{AssemblyError, axle_kinematics, road};
 use config::ResolvedBench;
-use config::scenario::Gear;
-use manoeuvre::Manoeuvre;
-use regions::{Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
+use config::road::Road;
+use config::scenario::{Gear, Steer};
+use manoeuvre::path::{Observed, PathDriver};
+use manoeuvre::{HandWheel, Manoeuvre};
+use regions::{NO_TICK, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 use tyre::Tyre;
-use vehicle::kinematics::AxleKinematics;
-use vehicle::{GearMode, Vehicle, VehicleInput, VehicleOutput};
+use vehicle::{AxleKinematics, GearMode, Vehicle, VehicleInput, VehicleOutput, WHEELS};
 
 const READS: &[InputSpec] = &[InputSpec { region: RegionId::RigMeasurement, when: When::SameTick }];
 const NODES: &[NodeSpec] = &[NodeSpec {
@@ -20,10 +21,16 @@ const NODES: &[NodeSpec] = &[NodeSpec {
     rings: true,
 }];
 
+/// Words of the checkpoint behind the car's own: rack, driver.
+const OWN: usize = 1 + DRIVER;
+const DRIVER: usize = 4;
+
 /// The car with its manoeuvre.
 pub struct VehicleNode {
     vehicle: Vehicle,
     manoeuvre: Manoeuvre,
+    driver: Option<PathDriver>,
+    road: Road,
     period_s: f64,
     rack_max_m: f64,
     gear: GearMode,
@@ -35,7 +42,7 @@ pub struct VehicleNode {
 }
 
 impl VehicleNode {
-    /// Builds the car from its files.
+    /// Builds the car from its files and settles it at its first speed.
     ///
     /// # Errors
     /// Everything that is wrong with them.
@@ -44,16 +51,23 @@ impl VehicleNode {
         let period_s = scenario.timing.period_s();
         let manoeuvre = Manoeuvre::new(scenario, resolved.record.as_ref())
             .map_err(|fault| AssemblyError::new("scenario", [fault]))?;
-        let mut vehicle = build_vehicle(resolved, period_s)?;
-        let first = manoeuvre.at(0.0);
-        vehicle.reset(first.initial_speed_m_s);
+        let vehicle = build_vehicle(resolved, period_s)?;
+        let driver = match &scenario.steer {
+            Steer::Path(following) => Some(PathDriver::new(following)),
+            _ => None,
+        };
+        if vehicle.state_len() + OWN > VehicleCheckpoint::absent().state.len() {
+            return Err(AssemblyError::new("car", ["its state does not fit the checkpoint region"]));
+        }
         let mut last = VehicleState::absent();
-        last.used_rig_measurement = regions::NO_TICK;
-        Ok(VehicleNode {
+        last.used_rig_measurement = NO_TICK;
+        let mut node = VehicleNode {
             vehicle,
             manoeuvre,
+            driver,
+            road: scenario.road.clone(),
             period_s,
-            rack_max_m: resolved.front_axle.rack_full_m,
+            rack_max_m: resolved.front_axle.rack_stroke_m,
             gear: match scenario.gear {
                 Gear::Drive => GearMode::Drive,
                 Gear::Neutral => GearMode::Neutral,
@@ -61,37 +75,80 @@ impl VehicleNode {
             },
             guard: Guard::new(scenario.limits.stale_after_ticks),
             rack_m: 0.0,
-            used_tick: regions::NO_TICK,
+            used_tick: NO_TICK,
             restored: false,
             last,
-        })
+        };
+        let input = node.input(0.0);
+        node.vehicle.reset(node.manoeuvre.initial_speed_m_s(), &input);
+        fill(&mut node.last, node.vehicle.output());
+        Ok(node)
+    }
+
+    /// The car's input for a step at `time_s`.
+    fn input(&self, time_s: f64) -> VehicleInput {
+        let command = self.manoeuvre.at(time_s);
+        let wheels = &self.vehicle.output().wheels;
+        let places: [[f64; 2]; WHEELS] =
+            std::array::from_fn(|i| [wheels[i].centre_position_m[0], wheels[i].centre_position_m[1]]);
+        VehicleInput {
+            rack_displacement_m: Some(self.rack_m),
+            steering_wheel_angle_rad: command.steering_wheel_angle_rad,
+            throttle: command.pedals.map_or(0.0, |p| p.throttle),
+            brake_pressure_pa: command.pedals.map_or(0.0, |p| p.brake_pressure_pa),
+            hand_brake: 0.0,
+            gear_mode: self.gear,
+            target_speed_m_s: command.pedals.is_none().then_some(command.target_speed_m_s),
+            road: road::contacts(&self.road, &places),
+            wind_m_s: self.manoeuvre.wind_m_s(time_s),
+            time_s,
+        }
     }
 }
 
 /// The car of a resolved bench, at rest at its static equilibrium.
 pub(crate) fn build_vehicle(resolved: &ResolvedBench, period_s: f64) -> Result<Vehicle, AssemblyError> {
     let car = &resolved.car;
-    let parse = |index: usize| {
-        let file = &resolved.tyres[index.min(resolved.tyres.len() - 1)];
-        Tyre::from_tir(&file.text, &file.name).map_err(|faults| AssemblyError::new("tyre", faults))
+    let parse = |index: usize| match resolved.tyres.get(index).or(resolved.tyres.first()) {
+        Some(file) => {
+            Tyre::from_tir(&file.text, &file.name).map_err(|faults| AssemblyError::new("tyre", faults))
+        }
+        None => Err(AssemblyError::new("car", ["no tyre file is named"])),
     };
-    if resolved.tyres.is_empty() {
-        return Err(AssemblyError::new("car", ["no tyre file is named"]));
-    }
     let (front_tyre, rear_tyre) = (parse(0)?, parse(1)?);
-    let front = axle_kinematics(&resolved.front_axle, resolved.front_axle.rack_full_m)
+    let front = axle_kinematics(&resolved.front_axle, resolved.front_axle.rack_stroke_m)
         .map_err(|faults| AssemblyError::new("front axle", faults))?;
     let rear = match (&resolved.rear_axle, &car.rear.kinematics) {
         (Some(axle), _) => axle_kinematics(axle, 0.0).map_err(|f| AssemblyError::new("rear axle", f))?,
         (None, Some(ideal)) => AxleKinematics::ideal(ideal, &car.rear, car.body.wheelbase_m, 0.0)
             .map_err(|fault| AssemblyError::new("rear axle", [fault]))?,
-        (None, None) => {
-            return Err(AssemblyError::new("car", ["rear: needs axle_file or kinematics"]));
-        }
+        (None, None) => return Err(AssemblyError::new("car", ["rear: needs axle_file or kinematics"])),
     };
+    sense(&front, resolved)?;
     let tyres = [front_tyre.clone(), front_tyre, rear_tyre.clone(), rear_tyre];
-    Vehicle::new(car, [front, rear], tyres, period_s)
-        .map_err(|broken| AssemblyError::new("car", broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule))))
+    Vehicle::new(car, [front, rear], tyres, period_s).map_err(|broken| {
+        AssemblyError::new("car", broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
+    })
+}
+
+/// A left turn of the hand wheel must steer left: the unit's pinion has to suit the axle's tie rods.
+fn sense(front: &AxleKinematics, resolved: &ResolvedBench) -> Result<(), AssemblyError> {
+    let step_m = 0.1 * resolved.front_axle.rack_stroke_m;
+    let steer = |rack_m: f64| front.sides[0].steer_rad(0.0, rack_m);
+    let gain = (steer(step_m) - steer(-step_m)) / (2.0 * step_m);
+    let ratio = resolved.unit.rack_travel_m_per_rev;
+    if gain * ratio > 0.0 {
+        return Ok(());
+    }
+    let where_ = if gain < 0.0 { "behind" } else { "ahead of" };
+    Err(AssemblyError::new(
+        "unit",
+        [format!(
+            "rack_travel_m_per_rev = {ratio}: must be {} for this car, whose tie rods lie {where_} the axle; \
+             a left turn of the hand wheel would steer right",
+            if gain < 0.0 { "negative" } else { "positive" },
+        )],
+    ))
 }
 
 impl Model for VehicleNode {
@@ -112,28 +169,29 @@ impl Model for VehicleNode {
             flags |= model_flags::RESTORED;
         }
         let next_s = (step.n + 1) as f64 * self.period_s;
-        let held = self.vehicle.output().held_steps;
-        if verdict != Verdict::Stale {
-            let driver = self.manoeuvre.at(step.n as f64 * self.period_s);
-            self.vehicle.step(&VehicleInput {
-                rack_displacement_m: Some(self.rack_m),
-                steering_wheel_angle_rad: driver.steering_wheel_angle_rad,
-                throttle: driver.throttle,
-                brake_pressure_pa: driver.brake_pressure_pa,
-                hand_brake: 0.0,
-                gear_mode: self.gear,
-                target_speed_m_s: driver.target_speed_m_s,
-                road: driver.road,
-                wind_m_s: driver.wind_m_s,
-                time_s: step.n as f64 * self.period_s,
-            });
-            fill(&mut self.last, self.vehicle.output());
-            self.last.rack_displacement_m = [self.rack_m; 2];
-        }
-        if self.vehicle.output().held_steps > held {
-            flags |= model_flags::MODEL_FAULT;
-        }
         let next = self.manoeuvre.at(next_s);
+        let (mut angle, mut rate) = (next.steering_wheel_angle_rad, next.steering_wheel_rate_rad_s);
+        if verdict != Verdict::Stale {
+            let held = self.vehicle.output().held_steps;
+            let input = self.input(step.n as f64 * self.period_s);
+            self.vehicle.step(&input);
+            let car = self.vehicle.output();
+            if car.held_steps > held {
+                flags |= model_flags::MODEL_FAULT;
+            }
+            fill(&mut self.last, car);
+            self.last.rack_displacement_m = [self.rack_m; 2];
+            if let (Some(driver), HandWheel::PathDriver) = (&mut self.driver, next.hand_wheel) {
+                let seen = Observed {
+                    x_m: car.position_m[0],
+                    y_m: car.position_m[1],
+                    yaw_rad: car.yaw_rad,
+                    speed_m_s: car.horizontal_velocity_m_s[0],
+                };
+                let steering = driver.step(&seen, self.period_s);
+                (angle, rate) = (steering.wheel.value, steering.wheel.rate);
+            }
+        }
         let state = &mut self.last;
         state.tick = step.n;
         state.time_s = next_s;
@@ -141,9 +199,10 @@ impl Model for VehicleNode {
         state.used_rig_measurement = self.used_tick;
         state.held_count = self.guard.held_count();
         state.manoeuvre_active = u64::from(next.active);
-        state.steering_wheel_angle_command_rad = next.steering_wheel_angle_rad;
-        state.steering_wheel_rate_command_rad_s = next.steering_wheel_rate_rad_s;
-        state.target_speed_m_s = next.target_speed_m_s.unwrap_or(f64::NAN);
+        state.hand_wheel_mode = u64::from(next.hand_wheel != HandWheel::Free);
+        state.steering_wheel_angle_command_rad = angle;
+        state.steering_wheel_rate_command_rad_s = rate;
+        state.target_speed_m_s = next.target_speed_m_s;
         output.copy_from_slice(state.words());
     }
 
@@ -152,21 +211,29 @@ impl Model for VehicleNode {
         let checkpoint = &mut checkpoint[0];
         let len = self.vehicle.state_len();
         checkpoint.tick = n;
-        checkpoint.len = len as u64;
+        checkpoint.len = (len + OWN) as u64;
         checkpoint.counters = [self.guard.held_count(), self.used_tick, 0, 0, 0, 0];
         self.vehicle.save_state(&mut checkpoint.state[..len]);
         checkpoint.state[len] = self.rack_m;
+        match &self.driver {
+            Some(driver) => driver.save_state(&mut checkpoint.state[len + 1..len + OWN]),
+            None => checkpoint.state[len + 1..len + OWN].fill(0.0),
+        }
     }
 
     fn restore(&mut self, words: &[u64]) -> bool {
         let checkpoint: &[VehicleCheckpoint] = bytemuck::cast_slice(words);
         let checkpoint = &checkpoint[0];
         let len = self.vehicle.state_len();
-        if checkpoint.len != len as u64 || !checkpoint.state[..=len].iter().all(|v| v.is_finite()) {
+        let whole = checkpoint.len == (len + OWN) as u64;
+        if !whole || !checkpoint.state[..len + OWN].iter().all(|v| v.is_finite()) {
             return false;
         }
         self.vehicle.load_state(&checkpoint.state[..len]);
         self.rack_m = checkpoint.state[len];
+        if let Some(driver) = &mut self.driver {
+            driver.load_state(&checkpoint.state[len + 1..len + OWN]);
+        }
         self.guard.restore(checkpoint.counters[0]);
         self.used_tick = checkpoint.counters[1];
         self.restored = true;

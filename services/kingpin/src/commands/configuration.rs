@@ -49,7 +49,7 @@ pub fn list(args: &ListArgs) -> Exit {
             Library::list(kind_of(kind)).into_iter().filter(|s| !s.name.starts_with('_')).collect();
         if args.json {
             let items = shipped.iter().map(|s| {
-                serde_json::json!({"name": s.name, "description": describe(&s.text), "path": s.path})
+                serde_json::json!({"name": s.name, "description": describe(&s.text), "path": s.file_name})
             });
             json.insert(directory.to_owned(), items.collect());
             continue;

@@ -4,6 +4,7 @@ mod configuration;
 mod log;
 mod run;
 mod service;
+mod summary;
 mod table;
 
 use crate::args::{Args, Command};

@@ -1,0 +1,350 @@
+//! The rig node: sensors at the start of a tick; safety, controller and actuators at the output phase.
+//!
+//! The plant is the virtual one. It is integrated with exactly the timing of the loop: up to the output
+//! phase on the command before, from there on the new one. Whether inputs are fresh is counted here, in
+//! output phases that were really executed; what follows from it is safety's.
+
+use crate::AssemblyError;
+use config::rig::Rig;
+use config::{Broken, ResolvedBench};
+use manoeuvre::{HandWheel, Manoeuvre};
+use regions::{
+    Bench, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
+    rig_flags,
+};
+use rig_control::{ControlDiagnostics, RigCommand, RigController, SteerCommand, SteerPreview};
+use rig_plant::{Actuation, Measurement, RigEnvironment, VirtualRig};
+use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
+use safety::{OperatorRequest, Safety, SafetyInput};
+
+const READS: &[InputSpec] = &[
+    InputSpec { region: RegionId::VehicleState, when: When::SameTick },
+    InputSpec { region: RegionId::SuspensionState, when: When::SameTick },
+    InputSpec { region: RegionId::Bench, when: When::Latest },
+];
+const NODES: &[NodeSpec] = &[
+    NodeSpec { name: "rig_sample", reads: &[], writes: RegionId::RigMeasurement, checkpoint: None, rings: true },
+    NodeSpec { name: "rig_apply", reads: READS, writes: RegionId::RigStatus, checkpoint: None, rings: false },
+];
+
+/// Without a word from the supervisor for this long the rig stops safely. [s]
+const SUPERVISOR_MAX_S: f64 = 10.0;
+/// The virtual hardware's own watchdog: without a command for this long its valves close. [s]
+const WATCHDOG_S: f64 = 0.02;
+/// A stall is made up for in the virtual plant by at most this. [s]
+const STALL_MAX_S: f64 = 2.0;
+/// Corner of the rack-speed observer. [Hz]
+const RACK_SPEED_HZ: f64 = 30.0;
+
+/// The rig with its plant.
+pub struct RigNode {
+    plant: VirtualRig,
+    controller: RigController,
+    safety: Safety,
+    /// For the preview of the steering only; what is applied comes with the vehicle state.
+    manoeuvre: Manoeuvre,
+    period_s: f64,
+    before_phase_s: f64,
+    after_phase_s: f64,
+    output_phase_s: f64,
+    supervisor_max_ticks: u64,
+    measurement: Measurement,
+    actuation: Actuation,
+    command: RigCommand,
+    diagnostics: ControlDiagnostics,
+    rack_speed: RackSpeed,
+    started: bool,
+    missed: u64,
+    stale: u64,
+    late: u64,
+    used: [u64; 3],
+    requests_seen: u64,
+    request_pending: OperatorRequest,
+    no_supervisor: bool,
+    status: RigStatus,
+}
+
+/// Rack speed from the measured stroke: a critically damped observer of second order.
+#[derive(Debug, Clone, Copy)]
+struct RackSpeed {
+    stroke_m: f64,
+    speed_m_s: f64,
+    gains: [f64; 2],
+    period_s: f64,
+    started: bool,
+}
+
+impl RackSpeed {
+    fn new(period_s: f64) -> Self {
+        let pole = (-std::f64::consts::TAU * RACK_SPEED_HZ * period_s).exp();
+        // Both poles of the prediction-correction form at `pole`.
+        let gains = [1.0 - pole * pole, (1.0 - pole) * (1.0 - pole)];
+        RackSpeed { stroke_m: 0.0, speed_m_s: 0.0, gains, period_s, started: false }
+    }
+
+    fn step(&mut self, measured_m: f64) -> f64 {
+        if !measured_m.is_finite() {
+            return self.speed_m_s;
+        }
+        if !std::mem::replace(&mut self.started, true) {
+            self.stroke_m = measured_m;
+        }
+        let predicted = self.stroke_m + self.speed_m_s * self.period_s;
+        let error = measured_m - predicted;
+        self.stroke_m = predicted + self.gains[0] * error;
+        self.speed_m_s += self.gains[1] * error / self.period_s;
+        self.speed_m_s
+    }
+}
+
+/// The largest sub-step not above the configured one of which both the period and the output phase are whole
+/// numbers (the phase to within 2 % of the period).
+fn sub_steps(rig: &Rig, period_s: f64, output_phase: f64) -> (f64, u32, u32) {
+    let fewest = (period_s / rig.plant.sub_step_s - 1e-9).ceil().max(1.0) as u32;
+    let whole = |count: u32| {
+        let at = output_phase * f64::from(count);
+        ((at - at.round()) / f64::from(count)).abs() < 0.02
+    };
+    let count = (fewest..fewest + 50).find(|&count| whole(count)).unwrap_or(fewest);
+    let before = (output_phase * f64::from(count)).round() as u32;
+    (period_s / f64::from(count), before, count - before)
+}
+
+impl RigNode {
+    /// Builds the rig from its files.
+    ///
+    /// # Errors
+    /// Everything that is wrong with them.
+    pub fn new(resolved: &ResolvedBench) -> Result<Self, AssemblyError> {
+        let scenario = &resolved.scenario;
+        let period_s = scenario.timing.period_s();
+        let refused = |part: &'static str| {
+            move |broken: Vec<Broken>| {
+                AssemblyError::new(part, broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
+            }
+        };
+        let mut rig = resolved.rig.clone();
+        let (step_s, before, after) = sub_steps(&rig, period_s, scenario.timing.output_phase);
+        rig.plant.sub_step_s = step_s;
+        let unit = &resolved.unit;
+        let manoeuvre = Manoeuvre::new(scenario, resolved.record.as_ref())
+            .map_err(|fault| AssemblyError::new("scenario", [fault]))?;
+        let mut status = RigStatus::absent();
+        status.flags = rig_flags::VIRTUAL;
+        Ok(RigNode {
+            plant: VirtualRig::new(&rig, unit, scenario.seed, period_s).map_err(refused("rig"))?,
+            controller: RigController::new(&rig, unit, period_s).map_err(refused("rig"))?,
+            safety: Safety::new(&rig, unit, period_s, true).map_err(refused("rig"))?,
+            manoeuvre,
+            period_s,
+            before_phase_s: f64::from(before) * step_s,
+            after_phase_s: f64::from(after) * step_s,
+            output_phase_s: scenario.timing.output_phase_s(),
+            supervisor_max_ticks: (SUPERVISOR_MAX_S / period_s) as u64,
+            measurement: Measurement::default(),
+            actuation: Actuation::default(),
+            command: RigCommand::default(),
+            diagnostics: ControlDiagnostics::default(),
+            rack_speed: RackSpeed::new(period_s),
+            started: false,
+            missed: 0,
+            stale: 0,
+            late: 0,
+            used: [NO_TICK; 3],
+            requests_seen: 0,
+            request_pending: OperatorRequest::SwitchOn,
+            no_supervisor: false,
+            status,
+        })
+    }
+
+    /// The plant goes on while its controller does not: first on the last command, then its watchdog closes.
+    fn pass(&mut self, ticks: u64) {
+        let watchdog = (WATCHDOG_S / self.period_s) as u64;
+        let most = (STALL_MAX_S / self.period_s) as u64;
+        for k in 0..ticks.min(most) {
+            if k == watchdog {
+                self.actuation = Actuation::default();
+                self.plant.set_actuation(&self.actuation);
+            }
+            self.plant.advance(self.before_phase_s + self.after_phase_s);
+        }
+    }
+
+    fn sample(&mut self, step: &Step, output: &mut [u64]) {
+        let first = !std::mem::replace(&mut self.started, true);
+        // A rig that was started again has a plant that was started again: at rest, and off.
+        self.missed = if first { 0 } else { step.skipped };
+        self.pass(self.missed);
+        self.plant.sample(&mut self.measurement);
+        let m = &self.measurement;
+        let mut region = RigMeasurement::absent();
+        region.tick = step.n;
+        region.time_s = step.n as f64 * self.period_s;
+        region.flags = rig_flags::VIRTUAL | if self.missed > 0 { rig_flags::STALLED } else { 0 };
+        region.sensor_faults = !m.validity & Measurement::ALL_VALID;
+        region.steering_wheel_angle_rad = m.steering_wheel_angle_rad;
+        region.steering_wheel_torque_n_m = m.steering_wheel_torque_n_m;
+        region.torsion_bar_torque_n_m = m.torsion_bar_torque_n_m;
+        region.assist_torque_n_m = m.assist_torque_n_m;
+        region.rack_displacement_m = m.rack_displacement_m;
+        region.rack_speed_m_s = self.rack_speed.step(m.rack_displacement_m);
+        region.tie_rod_force_n = m.tie_rod_force_n;
+        region.actuator_force_n = m.actuator_force_n;
+        region.horizontal_stroke_m = m.horizontal_stroke_m;
+        region.vertical_stroke_m = m.vertical_stroke_m;
+        output.copy_from_slice(region.words());
+    }
+
+    /// Looks at the supervisor's word: a request is passed on once.
+    fn look_at_bench(&mut self, step: &Step, bench: &Bench, age: u64, fresh: bool) {
+        self.no_supervisor = age > self.supervisor_max_ticks;
+        if self.no_supervisor {
+            self.request_pending = OperatorRequest::Stop;
+            return;
+        }
+        if !fresh {
+            return;
+        }
+        if bench.request_count != self.requests_seen {
+            // A rig that comes up in the middle of a run waits for a new word: old requests are not obeyed.
+            let old = self.status.used_bench == 0 && self.used[2] == NO_TICK && step.n > 10;
+            self.requests_seen = bench.request_count;
+            if !old {
+                self.request_pending = match bench.request {
+                    1 => OperatorRequest::Arm,
+                    2 => OperatorRequest::Start,
+                    3 => OperatorRequest::Stop,
+                    4 => OperatorRequest::Acknowledge,
+                    5 => OperatorRequest::SwitchOff,
+                    _ => OperatorRequest::None,
+                };
+            }
+        }
+    }
+
+    fn apply(&mut self, step: &Step, inputs: &Inputs, output: &mut [u64]) {
+        let (car, car_input) = inputs.get::<VehicleState>(0);
+        let (suspension, input) = inputs.get::<SuspensionState>(1);
+        let (bench, bench_input) = inputs.get::<Bench>(2);
+        let mut flags = rig_flags::VIRTUAL;
+
+        self.look_at_bench(step, bench, bench_input.age(step.n), bench_input.fresh());
+        if bench_input.fresh() {
+            self.used[2] = bench_input.tick();
+        }
+
+        let unfit = model_flags::STALE | model_flags::HELD_POSE | model_flags::MODEL_FAULT;
+        let finite = suspension.tie_rod_force_n.iter().chain(&suspension.ball_height_m).all(|v| v.is_finite());
+        let fresh = input.fresh() && car_input.fresh() && finite && suspension.flags & unfit == 0;
+        if fresh {
+            self.stale = 0;
+            self.used = [input.tick(), car_input.tick(), self.used[2]];
+            let steer = if car.hand_wheel_mode == 0 {
+                SteerCommand::Free
+            } else {
+                SteerCommand::Angle {
+                    angle_rad: car.steering_wheel_angle_command_rad,
+                    rate_rad_s: car.steering_wheel_rate_command_rad_s,
+                }
+            };
+            let ahead = self.manoeuvre.at(car.time_s + self.controller.preview_lead_s());
+            self.command = RigCommand {
+                tie_rod_force_n: suspension.tie_rod_force_n,
+                ball_height_m: suspension.ball_height_m,
+                ball_height_velocity_m_s: suspension.ball_height_speed_m_s,
+                steer,
+                preview: SteerPreview {
+                    valid: ahead.hand_wheel == HandWheel::Commanded,
+                    angle_rad: ahead.steering_wheel_angle_rad,
+                    rate_rad_s: ahead.steering_wheel_rate_rad_s,
+                },
+                fade: self.command.fade,
+            };
+            let speed = car.velocity_m_s[0];
+            self.plant.set_environment(&RigEnvironment { vehicle_speed_m_s: speed, ..RigEnvironment::default() });
+        } else {
+            self.stale += 1;
+            self.late += 1;
+            flags |= if input.fresh() { rig_flags::REFUSED_COMMAND } else { rig_flags::LATE_COMMAND };
+        }
+        if self.missed > 0 {
+            flags |= rig_flags::STALLED;
+        }
+        if self.no_supervisor {
+            flags |= rig_flags::NO_SUPERVISOR;
+        }
+
+        let verdict = self.safety.step(&SafetyInput {
+            tick: step.n,
+            request: std::mem::take(&mut self.request_pending),
+            emergency_stop: bench_input.fresh() && bench.emergency_stop != 0,
+            interlock_open: false,
+            inputs_stale_ticks: self.stale.min(u64::from(u32::MAX)) as u32,
+            missed_ticks: self.missed.min(u64::from(u32::MAX)) as u32,
+            measurement: self.measurement,
+            command: self.command,
+            energy_cycle_j: self.diagnostics.energy_cycle_j,
+            energy_second_j: self.diagnostics.energy_second_j,
+        });
+        self.plant.advance(self.before_phase_s);
+        self.controller.step(&verdict.command, &self.measurement, &mut self.actuation, &mut self.diagnostics);
+        let clamped = verdict.clamped | self.safety.clamp_actuation(&mut self.actuation);
+        self.plant.set_actuation(&self.actuation);
+        self.plant.advance(self.after_phase_s);
+
+        let status = &mut self.status;
+        status.tick = step.n;
+        status.time_s = step.n as f64 * self.period_s + self.output_phase_s;
+        status.flags = flags;
+        (status.used_suspension_state, status.used_vehicle_state) = (self.used[0], self.used[1]);
+        status.used_bench = self.used[2];
+        status.state = verdict.state as u64;
+        if let Some(trip) = verdict.trip {
+            (status.trip_code, status.trip_tick) = (trip.code as u64, trip.tick);
+            (status.trip_limit, status.trip_value) = (trip.limit, trip.value);
+        } else {
+            (status.trip_code, status.trip_tick) = (0, 0);
+            (status.trip_limit, status.trip_value) = (f64::NAN, f64::NAN);
+        }
+        status.stale_count = self.stale;
+        status.late_command_count = self.late;
+        status.clamped = clamped;
+        status.force_fade_ratio = verdict.fade.force;
+        status.tie_rod_force_command_n = self.command.tie_rod_force_n;
+        status.tie_rod_force_applied_n = verdict.command.tie_rod_force_n.map(|f| f * verdict.fade.force);
+        status.ball_height_applied_m = verdict.command.ball_height_m;
+        status.steering_wheel_angle_applied_rad = match verdict.command.steer {
+            SteerCommand::Angle { angle_rad, .. } => angle_rad,
+            SteerCommand::Free | SteerCommand::Torque { .. } => f64::NAN,
+        };
+        status.horizontal_valve_ratio = self.actuation.horizontal_valve;
+        status.vertical_valve_ratio = self.actuation.vertical_valve;
+        status.steer_torque_command_n_m = self.actuation.steer_torque_n_m;
+        status.port_energy_j = self.diagnostics.energy_total_j;
+        status.port_power_w = self.diagnostics.energy_second_j;
+        status.loop_delay_s = if self.diagnostics.loop_delay_known == 0 {
+            f64::NAN
+        } else {
+            0.5 * (self.diagnostics.loop_delay_s[0] + self.diagnostics.loop_delay_s[1])
+        };
+        let truth = self.plant.truth();
+        status.true_tie_rod_force_n = truth.tie_rod_force_n;
+        status.true_rack_displacement_m = truth.unit.rack_displacement_m;
+        output.copy_from_slice(status.words());
+    }
+}
+
+impl Model for RigNode {
+    fn nodes(&self) -> &'static [NodeSpec] {
+        NODES
+    }
+
+    fn step(&mut self, node: usize, step: &Step, inputs: &Inputs, output: &mut [u64]) {
+        if node == 0 {
+            self.sample(step, output);
+        } else {
+            self.apply(step, inputs, output);
+        }
+    }
+}
