@@ -196,6 +196,12 @@ impl Vehicle {
         &self.kinematics
     }
 
+    /// Puts another tyre on a wheel, mirrored to its side; its transient state stays.
+    pub fn set_tyre(&mut self, wheel: usize, tyre: &Tyre) {
+        let side = if wheel % 2 == 0 { Side::Left } else { Side::Right };
+        self.tyres[wheel] = tyre.on_side(side);
+    }
+
     /// Outputs of the last step.
     #[must_use]
     pub fn output(&self) -> &VehicleOutput {
