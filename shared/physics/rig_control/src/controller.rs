@@ -8,6 +8,7 @@ use crate::delay::DelayEstimate;
 use crate::energy::EnergyAccount;
 use crate::force::{ForceInput, ForceLoop};
 use crate::height::HeightLoop;
+use crate::hub::HubObserver;
 use crate::rack::RackObserver;
 use crate::steer::SteerLoop;
 use config::rig::{Rig, SteerDevice, Switches};
@@ -30,6 +31,7 @@ pub struct RigController {
     force: [ForceLoop; 2],
     height: [HeightLoop; 2],
     steer: SteerLoop,
+    hub: HubObserver,
     rack: RackObserver,
     energy: EnergyAccount,
     delay: [DelayEstimate; 2],
@@ -78,6 +80,11 @@ impl RigController {
             force: [force.clone(), force],
             height: [HeightLoop::new(c, period_s), HeightLoop::new(c, period_s)],
             steer: SteerLoop::new(c, steer.inertia_kg_m2, rig.limits.command_steer_torque_n_m, period_s),
+            hub: HubObserver::new(
+                (steer.device == SteerDevice::Actuator).then_some(steer.inertia_kg_m2),
+                c.command_delay_s + c.steer.torque_lag_s + c.measurement_delay_s,
+                period_s,
+            ),
             rack: RackObserver::new(ratio, c.force.rack_observer_rad_s, period_s),
             energy: EnergyAccount::new(period_s),
             delay: [DelayEstimate::new(period_s), DelayEstimate::new(period_s)],
@@ -117,7 +124,8 @@ impl RigController {
         let (height, height_rate) = self.faded_heights(&command, &m);
         let steer = self.faded_steer(&command, &m);
 
-        self.rack.step(m.steering_wheel_angle_rad, m.rack_displacement_m);
+        self.hub.step(m.steering_wheel_angle_rad, m.steering_wheel_torque_n_m);
+        self.rack.step(self.hub.measured().rate_rad_s, m.rack_displacement_m);
         let rack_ahead = self.rack_velocity_ahead(&command, &steer);
 
         let mut error_on_rack = 0.0;
@@ -175,10 +183,11 @@ impl RigController {
 
         out.steer_torque_n_m = if self.has_actuator {
             let cell = m.steering_wheel_torque_n_m;
-            self.steer.step(&steer, fade.steer, self.rack.angle(), cell, &self.switches)
+            self.steer.step(&steer, fade.steer, &self.hub, cell, &self.switches)
         } else {
             0.0
         };
+        self.hub.sent(out.steer_torque_n_m);
         if self.steer.saturated {
             bits |= flags::STEER_SATURATED;
         }
@@ -286,7 +295,6 @@ impl RigController {
         if !self.switches.rack_feed_forward {
             return 0.0;
         }
-        let angle = self.rack.angle();
         let ahead = self.switches.delay_compensation;
         let rate = match steer {
             SteerCommand::Angle { rate_rad_s, .. } if self.has_actuator && command.fade.steer >= 1.0 => {
@@ -296,8 +304,8 @@ impl RigController {
                     *rate_rad_s
                 }
             }
-            _ if ahead => angle.rate_ahead(self.preview_lead_s() + self.measurement_delay_s),
-            _ => angle.rate,
+            _ if ahead => self.hub.ahead(self.preview_lead_s() + self.measurement_delay_s).rate_rad_s,
+            _ => self.hub.measured().rate_rad_s,
         };
         self.rack.velocity_ahead_m_s(rate)
     }
@@ -312,6 +320,7 @@ impl RigController {
             .sum();
         loops
             + SteerLoop::STATE
+            + self.hub.state_len()
             + RackObserver::STATE
             + EnergyAccount::STATE
             + 2 * DelayEstimate::STATE
@@ -331,6 +340,7 @@ impl RigController {
             self.delay[side].save(&mut w);
         }
         self.steer.save(&mut w);
+        self.hub.save(&mut w);
         self.rack.save(&mut w);
         self.energy.save(&mut w);
         w.put_all(&self.readings);
@@ -374,6 +384,7 @@ impl RigController {
             self.delay[side].load(&mut r);
         }
         self.steer.load(&mut r);
+        self.hub.load(&mut r);
         self.rack.load(&mut r);
         self.energy.load(&mut r);
         r.take_all(&mut self.readings);

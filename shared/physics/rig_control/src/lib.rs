@@ -5,11 +5,13 @@
 
 pub mod command;
 pub mod controller;
+pub mod study;
 pub mod delay;
 pub mod energy;
 pub mod force;
 pub mod height;
 pub mod history;
+pub mod hub;
 pub mod rack;
 pub mod steer;
 pub mod tracker;

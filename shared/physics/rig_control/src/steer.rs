@@ -1,11 +1,12 @@
 //! Steer axis: angle, torque, or none.
 //!
-//! Angle mode: J θ̈ = T − T_cell, with the cell's torque fed forward, so that state feedback (bandwidth,
-//! damping) on the state predicted over the delays acts on the actuator's own inertia; commanded acceleration
-//! and an integral part are added. Torque mode: the command, a proportional correction by the cell, damping.
+//! Angle mode: J θ̈ = T − T_cell. State feedback (bandwidth, damping) on the hub's state when the torque will act,
+//! the commanded acceleration, the cell's torque fed forward through a filter, and an integral part.
+//! Torque mode: the command, a proportional correction by the cell, damping.
 
 use crate::command::SteerCommand;
-use crate::tracker::{ParabolaTracker, RampTracker};
+use crate::hub::HubObserver;
+use crate::tracker::RampTracker;
 use config::rig::{Control, Switches};
 use rig_plant::state::{StateReader, StateWriter};
 
@@ -50,19 +51,20 @@ impl SteerLoop {
         &mut self,
         command: &SteerCommand,
         gain: f64,
-        measured: &ParabolaTracker,
+        hub: &HubObserver,
         cell_n_m: f64,
         switches: &Switches,
     ) -> f64 {
         let (c, t) = (&self.control, self.period_s);
         let load = t * c.steer.load_torque_rad_s;
         self.load_n_m += load / (1.0 + load) * (cell_n_m - self.load_n_m);
-        let age = if switches.delay_compensation {
-            c.command_delay_s + c.steer.torque_lag_s + c.measurement_delay_s + 0.5 * t
+        let measured = hub.measured();
+        let (state, lead) = if switches.delay_compensation {
+            let lead = c.command_delay_s + c.steer.torque_lag_s;
+            (hub.ahead(lead + c.measurement_delay_s), lead)
         } else {
-            0.0
+            (measured, 0.0)
         };
-        let lead = (age - c.measurement_delay_s).max(0.0);
         let mut torque = 0.0;
         let angle_mode = matches!(command, SteerCommand::Angle { .. }) && gain > 0.0;
         match *command {
@@ -75,10 +77,10 @@ impl SteerLoop {
                 let w = c.steer.bandwidth_rad_s;
                 let target = angle_rad + lead * (rate_rad_s + 0.5 * lead * self.rate.rate);
                 let target_rate = rate_rad_s + lead * self.rate.rate;
-                let error = target - measured.ahead(age);
-                let error_rate = target_rate - measured.rate_ahead(age);
+                let error = target - state.angle_rad;
+                let error_rate = target_rate - state.rate_rad_s;
                 if !self.saturated {
-                    let present = angle_rad - c.measurement_delay_s * rate_rad_s - measured.value;
+                    let present = angle_rad - c.measurement_delay_s * rate_rad_s - measured.angle_rad;
                     self.integral_n_m += t * c.steer.integral_rad_s * self.inertia * w * w * present;
                     self.integral_n_m = self.integral_n_m.clamp(-self.limit, self.limit);
                 }
@@ -90,7 +92,7 @@ impl SteerLoop {
             SteerCommand::Torque { torque_n_m } => {
                 let error = torque_n_m - cell_n_m;
                 torque = torque_n_m + c.steer.torque_gain * error
-                    - c.steer.torque_damping_n_m_s_rad * measured.rate;
+                    - c.steer.torque_damping_n_m_s_rad * measured.rate_rad_s;
                 torque *= gain;
             }
             SteerCommand::Angle { .. } | SteerCommand::Free => {}
