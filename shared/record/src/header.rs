@@ -29,11 +29,11 @@ pub struct LogHeader {
     pub scenario: String,
     /// Number of the run, the same in every file of it.
     pub run_id: u64,
-    /// Period of a tick. [ns]
+    /// Period of a tick. \[ns\]
     pub period_ns: u64,
-    /// Wall clock at tick 0, Unix time. [ns]
+    /// Wall clock at tick 0, Unix time. \[ns\]
     pub wall_start_ns: u64,
-    /// Monotonic clock at tick 0. [ns]
+    /// Monotonic clock at tick 0. \[ns\]
     pub monotonic_start_ns: u64,
     /// Whether the run was in lockstep: then times in the log are n·T alone.
     pub lockstep: bool,
@@ -52,18 +52,18 @@ pub struct LogHeader {
 }
 
 impl LogHeader {
-    /// Period of a tick. [s]
+    /// Period of a tick. \[s\]
     pub fn period_s(&self) -> f64 {
         self.period_ns as f64 / 1e9
     }
 
-    /// Start of a tick since tick 0. [s]
+    /// Start of a tick since tick 0. \[s\]
     pub fn time_s(&self, tick: u64) -> f64 {
         // The product in integers, then one division (1e-9 is no double): the nearest double to n·T.
         (u128::from(tick) * u128::from(self.period_ns)) as f64 / 1e9
     }
 
-    /// Time stamp of a tick in the log. [ns]
+    /// Time stamp of a tick in the log. \[ns\]
     pub fn log_time_ns(&self, tick: u64) -> u64 {
         let start = if self.lockstep { 0 } else { self.wall_start_ns };
         start.saturating_add(tick.saturating_mul(self.period_ns))

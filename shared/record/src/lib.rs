@@ -4,7 +4,7 @@
 //! message per tick, each the region's words behind a 4-byte CDR header, with a ROS 2 message definition, so
 //! that MCAP tools read it as it is. Events are JSON on `/events`. The resolved configuration, its hash and
 //! sources travel along as attachments. A file is at every moment a prefix of a valid log: whatever killed
-//! its writer, everything up to the last flush is readable ([`LogReader`]) and can be mended ([`recover`]).
+//! its writer, everything up to the last flush is readable ([`LogReader`]) and can be mended ([`recover()`]).
 
 pub mod compare;
 mod error;

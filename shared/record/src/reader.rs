@@ -57,7 +57,7 @@ pub struct RegionLog {
 pub struct Event {
     /// At which tick.
     pub tick: u64,
-    /// Start of the tick since the start of the run. [s]
+    /// Start of the tick since the start of the run. \[s\]
     pub time_s: f64,
     /// What kind of event.
     pub kind: String,
@@ -94,7 +94,7 @@ pub struct Signal {
     pub name: String,
     /// Unit symbol.
     pub unit: String,
-    /// Time each value is valid for. [s]
+    /// Time each value is valid for. \[s\]
     pub time_s: Vec<f64>,
     /// Values, NaN where absent.
     pub value: Vec<f64>,
@@ -195,7 +195,7 @@ impl LogReader {
         Ok(region.words_of(region.column_index(column)?))
     }
 
-    /// Time each row of a region is valid for: its `time_s`, else the start of the tick. [s]
+    /// Time each row of a region is valid for: its `time_s`, else the start of the tick. \[s\]
     ///
     /// # Errors
     /// If the log has no such region.

@@ -5,7 +5,7 @@ use record::LogReader;
 
 use crate::summary::known;
 
-/// Furthest a measured record is shifted to align it. [s]
+/// Furthest a measured record is shifted to align it. \[s\]
 const LAG_MAX_S: f64 = 1.0;
 
 /// A measured signal and the bench's signal it belongs to.
@@ -15,7 +15,7 @@ pub struct Overlay {
     pub title: String,
     /// Unit symbol; must be the target's.
     pub unit: String,
-    /// Time on the run's clock. [s]
+    /// Time on the run's clock. \[s\]
     pub time_s: Vec<f64>,
     /// Values.
     pub value: Vec<f64>,
@@ -34,7 +34,7 @@ pub struct OverlayResult {
     pub unit: String,
     /// Why there is no comparison, if there is none.
     pub withheld: Option<String>,
-    /// Time the bench's signal comes after the measured one at best agreement. [s]
+    /// Time the bench's signal comes after the measured one at best agreement. \[s\]
     pub lag_s: Option<f64>,
     /// Correlation coefficient at that alignment.
     pub correlation: Option<f64>,
@@ -50,7 +50,7 @@ pub struct OverlayResult {
     pub measured_peak: Option<f64>,
     /// Largest magnitude on the bench. [unit]
     pub simulated_peak: Option<f64>,
-    /// Length of the common time. [s]
+    /// Length of the common time. \[s\]
     pub duration_s: Option<f64>,
 }
 

@@ -26,12 +26,12 @@ impl<'a> Run<'a> {
         self.len
     }
 
-    /// Period. [s]
+    /// Period. \[s\]
     pub fn period_s(&self) -> f64 {
         self.log.header.period_s()
     }
 
-    /// Start of every tick. [s]
+    /// Start of every tick. \[s\]
     pub fn time_s(&self) -> Vec<f64> {
         (0..self.len as u64).map(|i| self.log.header.time_s(self.first + i)).collect()
     }

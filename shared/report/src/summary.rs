@@ -31,7 +31,7 @@ pub struct RunSummary {
     pub lockstep: bool,
     /// Seed of everything random.
     pub seed: u64,
-    /// Period. [s]
+    /// Period. \[s\]
     pub period_s: f64,
     /// Hash of the configuration.
     pub configuration_hash: String,
@@ -43,7 +43,7 @@ pub struct RunSummary {
     pub verdicts: Vec<Verdict>,
     /// Ticks from the first to the last in the log.
     pub ticks: u64,
-    /// Their duration. [s]
+    /// Their duration. \[s\]
     pub duration_s: f64,
     /// Bench state at the end.
     pub end_state: Option<String>,
@@ -65,15 +65,15 @@ pub struct RunSummary {
     pub torque_over_angle: LoopFigures,
     /// Steering torque over lateral acceleration.
     pub torque_over_acceleration: LoopFigures,
-    /// Energy fed into the steering by the tracking error over the run. [J]
+    /// Energy fed into the steering by the tracking error over the run. \[J\]
     pub port_energy_j: Option<f64>,
-    /// Largest estimated delay from force command to measured force. [s]
+    /// Largest estimated delay from force command to measured force. \[s\]
     pub loop_delay_max_s: Option<f64>,
     /// The multibody solver.
     pub solver: SolverSummary,
     /// Timing of each service by the wall clock.
     pub timing: Vec<ServiceTiming>,
-    /// Command's arrival before the output phase: smallest, mean, largest. [s]
+    /// Command's arrival before the output phase: smallest, mean, largest. \[s\]
     pub margin_s: Option<Span>,
     /// Commands that were not there at the output phase.
     pub late_command_count: Option<u64>,
@@ -103,7 +103,7 @@ pub struct Trip {
     pub code: u64,
     /// Its tick.
     pub tick: u64,
-    /// Start of that tick. [s]
+    /// Start of that tick. \[s\]
     pub time_s: f64,
     /// The limit. [SI unit of the quantity]
     pub limit: Option<f64>,
@@ -118,17 +118,17 @@ pub struct Peaks {
     pub lateral_acceleration_m_s2: Option<f64>,
     /// Yaw rate. [rad/s]
     pub yaw_rate_rad_s: Option<f64>,
-    /// Roll angle. [rad]
+    /// Roll angle. \[rad\]
     pub roll_rad: Option<f64>,
-    /// Side-slip angle at the centre of gravity. [rad]
+    /// Side-slip angle at the centre of gravity. \[rad\]
     pub side_slip_rad: Option<f64>,
-    /// Hand-wheel angle. [rad]
+    /// Hand-wheel angle. \[rad\]
     pub steering_wheel_angle_rad: Option<f64>,
     /// Hand-wheel torque. [N·m]
     pub steering_wheel_torque_n_m: Option<f64>,
-    /// Rack displacement. [m]
+    /// Rack displacement. \[m\]
     pub rack_displacement_m: Option<f64>,
-    /// Measured tie-rod force, left and right. [N]
+    /// Measured tie-rod force, left and right. \[N\]
     pub tie_rod_force_n: [Option<f64>; 2],
 }
 
@@ -147,7 +147,7 @@ pub struct TrackingFigures {
     pub error_max_percent: Option<f64>,
     /// Root mean square error over amplitude. [%]
     pub error_rms_percent: Option<f64>,
-    /// Lag behind the command. [s]
+    /// Lag behind the command. \[s\]
     pub lag_s: Option<f64>,
 }
 
@@ -167,7 +167,7 @@ pub struct LoopFigures {
 pub struct SolverSummary {
     /// Most Newton iterations of a tick.
     pub iterations_max: Option<u64>,
-    /// Largest constraint residual left. [m]
+    /// Largest constraint residual left. \[m\]
     pub residual_max_m: Option<f64>,
     /// Ticks on which the last pose was held.
     pub not_converged_ticks: Option<u64>,
@@ -178,11 +178,11 @@ pub struct SolverSummary {
 pub struct ServiceTiming {
     /// Name of the service.
     pub service: String,
-    /// Wake-up after the time aimed at. [s]
+    /// Wake-up after the time aimed at. \[s\]
     pub wake_lateness_s: Option<Percentiles>,
-    /// Time of a step. [s]
+    /// Time of a step. \[s\]
     pub compute_s: Option<Percentiles>,
-    /// End of the step after the start of the tick. [s]
+    /// End of the step after the start of the tick. \[s\]
     pub done_s: Option<Percentiles>,
     /// Wake-ups later than a tenth of the period.
     pub late_wake_count: u64,

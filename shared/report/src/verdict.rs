@@ -6,15 +6,15 @@ use crate::summary::{RunSummary, TrackingFigures};
 /// Limits a run is judged by. None: not judged.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limits {
-    /// Lag of the tie-rod force behind its command. [s]
+    /// Lag of the tie-rod force behind its command. \[s\]
     pub force_lag_max_s: Option<f64>,
-    /// Lag of the ball height behind its command. [s]
+    /// Lag of the ball height behind its command. \[s\]
     pub height_lag_max_s: Option<f64>,
     /// Largest tie-rod force error over amplitude. [%] None: half the published figure, where there is one.
     pub force_error_max_percent: Option<f64>,
     /// Root mean square tie-rod force error over amplitude. [%] None: as above.
     pub force_error_rms_percent: Option<f64>,
-    /// Share of ticks whose command may be late for the output phase. [1]
+    /// Share of ticks whose command may be late for the output phase. \[1\]
     pub late_command_ratio_max: Option<f64>,
     /// Normalised error of a measured record. [%]
     pub record_error_max_percent: Option<f64>,

@@ -8,7 +8,7 @@ use crate::statistics::{peak, rms};
 /// How far a simulated signal is from a measured one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordComparison {
-    /// Time the simulated signal comes after the measured one, at best agreement. [s]
+    /// Time the simulated signal comes after the measured one, at best agreement. \[s\]
     pub lag_s: f64,
     /// Correlation coefficient at that alignment.
     pub correlation: f64,
@@ -16,15 +16,15 @@ pub struct RecordComparison {
     pub rms_error: f64,
     /// The same once the lag is taken out. [unit of the signal]
     pub rms_error_aligned: f64,
-    /// Aligned error over the root mean square of the measured signal. [1]
+    /// Aligned error over the root mean square of the measured signal. \[1\]
     pub normalised_rms_error: f64,
-    /// Largest magnitude of the aligned error over the measured peak. [1]
+    /// Largest magnitude of the aligned error over the measured peak. \[1\]
     pub normalised_peak_error: f64,
     /// Largest magnitude measured, in the common time. [unit of the signal]
     pub measured_peak: f64,
     /// Largest magnitude simulated, in the common time. [unit of the signal]
     pub simulated_peak: f64,
-    /// Length of the common time. [s]
+    /// Length of the common time. \[s\]
     pub duration_s: f64,
 }
 

@@ -3,7 +3,7 @@
 /// A lag and how well the signals then agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lag {
-    /// Time the response comes after the reference; negative if before. [s]
+    /// Time the response comes after the reference; negative if before. \[s\]
     pub lag_s: f64,
     /// Correlation coefficient at that lag, at most 1.
     pub correlation: f64,

@@ -8,7 +8,7 @@
 
 use std::f64::consts::{PI, SQRT_2};
 
-/// Corner of the filter that force commands and measurements pass before they are compared (spec 4.4). [Hz]
+/// Corner of the filter that force commands and measurements pass before they are compared (spec 4.4). \[Hz\]
 pub const TRACKING_CORNER_HZ: f64 = 50.0;
 
 /// Second-order section, direct form II transposed.

@@ -1,6 +1,6 @@
 //! How well a commanded quantity is reached, as the bench measures it (spec 4.4).
 //!
-//! Error = command[n] − the measurement available at n, over the window in which steering is active, in per
+//! Error = command\[n\] − the measurement available at n, over the window in which steering is active, in per
 //! cent of half the peak-to-peak of the command in that window; both through the same zero-phase 50 Hz
 //! filter. Lag: peak of the cross-correlation in the same window.
 
@@ -9,7 +9,7 @@ use crate::filter::{LowPass, TRACKING_CORNER_HZ};
 use crate::resample::bridge_gaps;
 use crate::statistics::{amplitude, peak, rms};
 
-/// Longest lag looked for. [s]
+/// Longest lag looked for. \[s\]
 const LAG_MAX_S: f64 = 0.2;
 
 /// How well a command was reached.
@@ -25,7 +25,7 @@ pub struct Tracking {
     pub error_max_percent: f64,
     /// Root mean square error over amplitude. [%]
     pub error_rms_percent: f64,
-    /// Lag of the measurement behind the command, NaN if it cannot be told. [s]
+    /// Lag of the measurement behind the command, NaN if it cannot be told. \[s\]
     pub lag_s: f64,
     /// Samples in the window.
     pub samples: usize,
