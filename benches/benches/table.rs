@@ -5,7 +5,8 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a benchmark prints, and may fail loudly")]
 
-use kingpin_benches::raw_memory::RawMemory;
+mod support;
+
 use kingpin_benches::{
     Contender, Durations, alternate, pin_to_core, print_against_baselines, print_machine, sized, time_batches,
 };
@@ -14,6 +15,7 @@ use std::hint::{black_box, spin_loop};
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
+use support::RawMemory;
 use table::{
     Bench, CreateOptions, OpenOptions, Read, RegionReader, RegionSpec, RegionWriter, Table, TableInfo, Wait,
     monotonic_ns, remove_bench,

@@ -6,8 +6,6 @@
 
 #![allow(clippy::print_stdout, reason = "printing is what benchmarks are for")]
 
-pub mod raw_memory;
-
 use hdrhistogram::Histogram;
 use std::time::{SystemTime, UNIX_EPOCH};
 

@@ -1,4 +1,4 @@
-//! Bare shared memory for baselines: words and futex words, with nothing in between.
+//! Bare shared memory for the baselines of several benches: words and futex words, with nothing in between.
 
 // A baseline that went through the crate it is the baseline for would not be one.
 #![allow(unsafe_code)]
