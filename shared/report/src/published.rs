@@ -54,6 +54,12 @@ pub fn published_for(scenario: &str) -> Option<&'static PublishedTracking> {
     PUBLISHED_TRACKING.iter().find(|published| name.contains(published.key))
 }
 
+/// The largest published error of any manoeuvre and side: peak and root mean square. \[%\]
+pub(crate) fn worst_published() -> (f64, f64) {
+    let sides = PUBLISHED_TRACKING.iter().flat_map(|p| [p.left, p.right]);
+    sides.fold((0.0, 0.0), |(peak, rms), side| (f64::max(peak, side.0), f64::max(rms, side.1)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::published_for;

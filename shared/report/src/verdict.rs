@@ -1,6 +1,6 @@
 //! A run against stated limits. What was not measured is withheld, never passed.
 
-use crate::published::published_for;
+use crate::published::{published_for, worst_published};
 use crate::summary::{RunSummary, TrackingFigures};
 
 /// Limits a run is judged by. None: not judged.
@@ -10,7 +10,8 @@ pub struct Limits {
     pub force_lag_max_s: Option<f64>,
     /// Lag of the ball height behind its command. \[s\]
     pub height_lag_max_s: Option<f64>,
-    /// Largest tie-rod force error over amplitude. [%] None: half the published figure, where there is one.
+    /// Largest tie-rod force error over amplitude. [%] None: half the published figure of this
+    /// manoeuvre, or half the worst published one where there is none.
     pub force_error_max_percent: Option<f64>,
     /// Root mean square tie-rod force error over amplitude. [%] None: as above.
     pub force_error_rms_percent: Option<f64>,
@@ -86,11 +87,11 @@ pub(crate) fn judge(summary: &RunSummary, limits: &Limits) -> Vec<Verdict> {
     verdicts.extend(judge_late_commands(summary, limits));
     let published = published_for(&summary.scenario);
     for (i, side) in ["left", "right"].into_iter().enumerate() {
-        let half =
-            published.map(|p| if i == 0 { p.left } else { p.right }).map(|(max, rms)| (max / 2.0, rms / 2.0));
+        let (peak, rms) = published.map_or_else(worst_published, |p| if i == 0 { p.left } else { p.right });
+        let half = (peak / 2.0, rms / 2.0);
         let figures = &summary.force_tracking[i];
-        let max = limits.force_error_max_percent.or(half.map(|h| h.0));
-        let rms = limits.force_error_rms_percent.or(half.map(|h| h.1));
+        let max = limits.force_error_max_percent.or(Some(half.0));
+        let rms = limits.force_error_rms_percent.or(Some(half.1));
         verdicts.extend(at_most(
             &format!("Tie-rod force error {side}, peak"),
             figures,
@@ -215,7 +216,12 @@ fn at_most(
     let limit = limit?;
     let text = format!("≤ {:.2} {unit}", limit * scale);
     Some(match figure(figures) {
-        Some(value) => verdict(name, value <= limit, format!("{:.2} {unit}", value * scale), &text),
-        None => withheld(name, figures.withheld.as_deref().unwrap_or("cannot be told from this run"), &text),
+        // A measurement ahead of its command is as wrong as one behind it.
+        Some(value) => verdict(name, value.abs() <= limit, format!("{:.2} {unit}", value * scale), &text),
+        None => withheld(
+            name,
+            figures.withheld.as_deref().unwrap_or("command and measurement are not alike enough"),
+            &text,
+        ),
     })
 }

@@ -9,6 +9,8 @@ use crate::filter::{LowPass, TRACKING_CORNER_HZ};
 use crate::resample::bridge_gaps;
 use crate::statistics::{amplitude, peak, rms};
 
+/// Least correlation at which two signals are alike enough for one to lag the other.
+const CORRELATION_MIN: f64 = 0.9;
 /// Longest lag looked for. \[s\]
 const LAG_MAX_S: f64 = 0.2;
 
@@ -108,7 +110,7 @@ pub fn tracking(
         error_rms,
         error_max_percent: 100.0 * error_max / amplitude,
         error_rms_percent: 100.0 * error_rms / amplitude,
-        lag_s: lag.map_or(f64::NAN, |lag| lag.lag_s),
+        lag_s: lag.filter(|lag| lag.correlation >= CORRELATION_MIN).map_or(f64::NAN, |lag| lag.lag_s),
         samples: samples.len(),
     })
 }
@@ -161,6 +163,14 @@ mod tests {
         assert!((few.lag_s - 0.006).abs() < 1e-4 && few.samples == 9950, "{few:?}");
         measured[4000..4500].fill(f64::NAN);
         assert!(tracking(&command, &measured, &active, T).unwrap().lag_s.is_nan());
+    }
+
+    #[test]
+    fn signals_that_are_not_alike_have_no_lag() {
+        let (command, other) = (sine(500.0, 0.7, 0.0), sine(500.0, 13.0, 0.0));
+        let measured: Vec<f64> = command.iter().zip(&other).map(|(c, o)| c + o).collect();
+        let result = tracking(&command, &measured, &[true; 10_000], T).unwrap();
+        assert!(result.lag_s.is_nan() && result.error_rms_percent > 60.0, "{result:?}");
     }
 
     #[test]
