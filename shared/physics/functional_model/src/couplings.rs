@@ -297,7 +297,7 @@ fn join(tree: &mut Tree, flat: &mut Flat, host: usize, c: &RawCoupling, fault: F
 /// Equations of one joint.
 fn joint(flat: &mut Flat, sides: &[Side], series: bool, name: &str, place: &Place) {
     let label = format!("coupling {name}");
-    let mut push = |flat: &mut Flat, residual: Id| {
+    let push = |flat: &mut Flat, residual: Id| {
         flat.equations.push(Equation {
             residual,
             block: None,
@@ -388,7 +388,7 @@ fn open_ports(tree: &mut Tree, flat: &mut Flat, fault: Fault) {
         let n = s.across.len();
         let gives = port.gives_across;
         let flip = if found.inward { -1.0 } else { 1.0 };
-        let mut make = |flat: &mut Flat, base: &str, unit: Unit, kind: Kind| -> Vec<u32> {
+        let make = |flat: &mut Flat, base: &str, unit: Unit, kind: Kind| -> Vec<u32> {
             (0..n)
                 .map(|k| flat.variable(component(&format!("{name}.{base}"), k, n), kind, unit, None))
                 .collect()

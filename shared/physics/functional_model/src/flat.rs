@@ -26,6 +26,8 @@ pub(crate) struct Variable {
     pub block: Option<usize>,
     pub start: Option<f64>,
     pub start_place: Place,
+    /// Made a state only because its rate is needed; the first to become dependent again.
+    pub promoted: bool,
 }
 
 /// What the author says an equation is for.
@@ -161,7 +163,15 @@ impl Flat {
 
     /// New variable; returns its index.
     pub fn variable(&mut self, name: String, kind: Kind, unit: Unit, block: Option<usize>) -> u32 {
-        self.variables.push(Variable { name, kind, unit, block, start: None, start_place: Place::default() });
+        self.variables.push(Variable {
+            name,
+            kind,
+            unit,
+            block,
+            start: None,
+            start_place: Place::default(),
+            promoted: false,
+        });
         (self.variables.len() - 1) as u32
     }
 }

@@ -581,7 +581,7 @@ fn table_file(text: &str) -> Result<Vec<Option<(Vec<f64>, Unit)>>, String> {
         }
         rows.push(row);
     }
-    let mut distinct = |at: usize| {
+    let distinct = |at: usize| {
         let mut v: Vec<f64> = Vec::new();
         for r in &rows {
             if !v.contains(&r[at]) {

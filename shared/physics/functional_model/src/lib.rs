@@ -22,3 +22,16 @@ pub use error::{ModelError, Rule};
 
 /// Gives the text of a file a model names (`use`, table files), or why it cannot.
 pub type Resolver<'r> = dyn Fn(&str) -> Result<String, String> + 'r;
+mod dense;
+mod eliminate;
+mod kernel;
+mod matrices;
+mod model;
+mod program;
+mod reduce;
+pub use matrices::{Matrices, OperatingPoint};
+pub use model::{Model, ParameterInfo, Parameters, System};
+mod account;
+mod compiled;
+pub use account::Account;
+pub use compiled::{CompileOptions, Compiled, Method, STATE_LEN_MAX, StepStatus};

@@ -1,0 +1,189 @@
+//! Small dense linear algebra on caller-owned storage, so that a step can refresh its matrices without allocation:
+//! LU with partial pivoting on row-scaled values, and the matrix exponential by scaling and squaring with the (6, 6)
+//! Pade approximant (Moler and Van Loan 2003, SIAM Rev. 45, 3, method 3). Row-major.
+
+/// LU factors of an n x n matrix.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Lu {
+    pub n: usize,
+    pub a: Vec<f64>,
+    row: Vec<usize>,
+    work: Vec<f64>,
+    scale: Vec<f64>,
+}
+
+impl Lu {
+    pub fn new(n: usize) -> Lu {
+        Lu { n, a: vec![0.0; n * n], row: vec![0; n], work: vec![0.0; n], scale: vec![0.0; n] }
+    }
+
+    /// Factors `self.a` in place. False when it is singular to working precision (the factors are then unusable).
+    pub fn factor(&mut self) -> bool {
+        let n = self.n;
+        for i in 0..n {
+            self.row[i] = i;
+            let largest = self.a[i * n..(i + 1) * n].iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            if largest == 0.0 || !largest.is_finite() {
+                return false;
+            }
+            self.scale[i] = 1.0 / largest;
+        }
+        for k in 0..n {
+            let mut best = k;
+            let mut size = 0.0;
+            for i in k..n {
+                let s = self.a[self.row[i] * n + k].abs() * self.scale[self.row[i]];
+                if s > size {
+                    size = s;
+                    best = i;
+                }
+            }
+            if size < 1e-14 {
+                return false;
+            }
+            self.row.swap(k, best);
+            let p = self.row[k] * n;
+            let inverse = 1.0 / self.a[p + k];
+            for i in k + 1..n {
+                let r = self.row[i] * n;
+                let f = self.a[r + k] * inverse;
+                self.a[r + k] = f;
+                if f != 0.0 {
+                    for j in k + 1..n {
+                        self.a[r + j] -= f * self.a[p + j];
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    /// Solves in place.
+    pub fn solve(&mut self, b: &mut [f64]) {
+        let n = self.n;
+        for i in 0..n {
+            let r = self.row[i] * n;
+            let mut s = b[self.row[i]];
+            for j in 0..i {
+                s -= self.a[r + j] * self.work[j];
+            }
+            self.work[i] = s;
+        }
+        for i in (0..n).rev() {
+            let r = self.row[i] * n;
+            let mut s = self.work[i];
+            for j in i + 1..n {
+                s -= self.a[r + j] * b[j];
+            }
+            b[i] = s / self.a[r + i];
+        }
+    }
+}
+
+/// c = a * b, all n x n.
+fn multiply(n: usize, a: &[f64], b: &[f64], c: &mut [f64]) {
+    c.fill(0.0);
+    for i in 0..n {
+        for k in 0..n {
+            let f = a[i * n + k];
+            if f != 0.0 {
+                for j in 0..n {
+                    c[i * n + j] += f * b[k * n + j];
+                }
+            }
+        }
+    }
+}
+
+/// Working storage of the exponential.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Exponential {
+    n: usize,
+    a: Vec<f64>,
+    power: Vec<f64>,
+    next: Vec<f64>,
+    numerator: Vec<f64>,
+    lu: Lu,
+    column: Vec<f64>,
+}
+
+impl Exponential {
+    pub fn new(n: usize) -> Exponential {
+        let m = || vec![0.0; n * n];
+        Exponential { n, a: m(), power: m(), next: m(), numerator: m(), lu: Lu::new(n), column: vec![0.0; n] }
+    }
+
+    /// result = exp(h * a)
+    pub fn of(&mut self, a: &[f64], h: f64, result: &mut [f64]) {
+        let n = self.n;
+        let norm = (0..n)
+            .map(|i| a[i * n..(i + 1) * n].iter().map(|v| (v * h).abs()).sum::<f64>())
+            .fold(0.0f64, f64::max);
+        let squarings = if norm > 0.25 { ((norm / 0.25).log2().ceil() as i32).clamp(0, 60) } else { 0 };
+        let s = h * 0.5f64.powi(squarings);
+        for (d, v) in self.a.iter_mut().zip(a) {
+            *d = v * s;
+        }
+        self.power.fill(0.0);
+        for i in 0..n {
+            self.power[i * n + i] = 1.0;
+        }
+        self.numerator.copy_from_slice(&self.power);
+        self.lu.a.copy_from_slice(&self.power);
+        let (q, mut c, mut sign) = (6, 1.0, 1.0);
+        for k in 1..=q {
+            c *= f64::from(q - k + 1) / f64::from(k * (2 * q - k + 1));
+            multiply(n, &self.a, &self.power, &mut self.next);
+            std::mem::swap(&mut self.power, &mut self.next);
+            sign = -sign;
+            for i in 0..n * n {
+                self.numerator[i] += c * self.power[i];
+                self.lu.a[i] += sign * c * self.power[i];
+            }
+        }
+        // With the norm at most a quarter the denominator is close to the identity: never singular.
+        let _ = self.lu.factor();
+        for j in 0..n {
+            for i in 0..n {
+                self.column[i] = self.numerator[i * n + j];
+            }
+            self.lu.solve(&mut self.column);
+            for i in 0..n {
+                result[i * n + j] = self.column[i];
+            }
+        }
+        for _ in 0..squarings {
+            multiply(n, result, result, &mut self.next);
+            result.copy_from_slice(&self.next);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponential_of_a_rotation_and_of_a_stiff_decay() {
+        let mut e = Exponential::new(2);
+        let mut r = [0.0; 4];
+        e.of(&[0.0, -3.0, 3.0, 0.0], 0.7, &mut r);
+        assert!((r[0] - 2.1f64.cos()).abs() < 1e-14 && (r[2] - 2.1f64.sin()).abs() < 1e-14);
+        e.of(&[-1e6, 0.0, 0.0, -1.0], 1.0, &mut r);
+        assert!(r[0].abs() < 1e-30 && (r[3] - (-1.0f64).exp()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn lu_solves_and_notices_singular() {
+        let mut lu = Lu::new(3);
+        lu.a.copy_from_slice(&[0.0, 2.0, 1.0, 1e9, 0.0, 1e9, 3.0, 1.0, 0.0]);
+        assert!(lu.factor());
+        let mut b = [5.0, 4e9, 5.0];
+        lu.solve(&mut b);
+        assert!((2.0 * b[1] + b[2] - 5.0).abs() < 1e-12);
+        assert!((b[0] + b[2] - 4.0).abs() < 1e-12);
+        assert!((3.0 * b[0] + b[1] - 5.0).abs() < 1e-12);
+        lu.a.copy_from_slice(&[1.0, 2.0, 3.0, 2.0, 4.0, 6.0, 1.0, 0.0, 1.0]);
+        assert!(!lu.factor());
+    }
+}
