@@ -9,8 +9,12 @@
 
 pub mod body;
 pub mod constraint;
+mod equilibrium;
 pub mod failure;
+mod geometric;
 pub mod kinematics;
+#[cfg(test)]
+mod library_samples;
 pub mod linear;
 pub mod mechanism;
 pub mod structured;

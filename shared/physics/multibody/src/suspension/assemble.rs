@@ -14,7 +14,7 @@ const SIDE_NAMES: [&str; 2] = ["left", "right"];
 
 /// One side's named points.
 pub(super) struct Points<'a> {
-    geometry: &'a Geometry,
+    pub geometry: &'a Geometry,
     pub side: usize,
 }
 
@@ -85,7 +85,7 @@ pub(crate) fn assemble(axle: &Axle) -> Result<Model, AssemblyError> {
         None => None,
     };
     drive_rack(&mut kinematic);
-    let rack_driver = drive_rack(&mut reaction);
+    drive_rack(&mut reaction);
     for (side, points) in sides.iter().enumerate() {
         let kind = Kind::AxisDriver { s_j: Vector3::zeros(), axis: 2, driver: 1 + side };
         kinematic.constrain(points.name("wheel height"), knuckles[side], knuckles[side], kind);
@@ -93,15 +93,15 @@ pub(crate) fn assemble(axle: &Axle) -> Result<Model, AssemblyError> {
     let Ok(sides) = <[Side; 2]>::try_from(built) else {
         return Err(AssemblyError::Degenerate { what: "an axle of other than two sides".to_owned() });
     };
-    Ok(Model { kinematic, reaction, follow, sides, bar, rack_driver })
+    Ok(Model { kinematic, reaction, follow, sides, bar })
 }
 
-fn degenerate(what: &str) -> AssemblyError {
+pub(super) fn degenerate(what: &str) -> AssemblyError {
     AssemblyError::Degenerate { what: what.to_owned() }
 }
 
 /// Car body on the ground, rack sliding in it along y.
-fn base(sides: &[Points; 2]) -> Result<Builder, AssemblyError> {
+pub(super) fn base(sides: &[Points; 2]) -> Result<Builder, AssemblyError> {
     let mut b = Builder::default();
     b.body("body", Vector3::zeros());
     b.body("rack", 0.5 * (sides[0].at("tierod_inner") + sides[1].at("tierod_inner")));
@@ -113,11 +113,24 @@ fn base(sides: &[Points; 2]) -> Result<Builder, AssemblyError> {
     Ok(b)
 }
 
-fn drive_rack(b: &mut Builder) -> usize {
+/// Cross-joint axes of a link: the pin on the body, near vertical and normal to the link at design, and the
+/// axis on the link, normal to both.
+pub(super) fn cross_joint(
+    link: &Vector3<f64>,
+    what: &str,
+) -> Result<(Vector3<f64>, Vector3<f64>), AssemblyError> {
+    let triad = triad_along(link).ok_or_else(|| degenerate(what))?;
+    let along: Vector3<f64> = triad.column(2).into_owned();
+    let pin = if along.z.abs() < 0.9 { Vector3::z() } else { triad.column(0).into_owned() };
+    let pin = (pin - along * along.dot(&pin)).normalize();
+    Ok((pin, pin.cross(&along)))
+}
+
+fn drive_rack(b: &mut Builder) {
     let axes = Matrix3::from_columns(&[Vector3::z(), Vector3::x(), Vector3::y()]);
     let on_i = b.frame(BODY, b.design[RACK].r, &axes);
     let kind = Kind::TranslationalDriver { on_i, s_j: Vector3::zeros(), driver: RACK_DRIVER };
-    b.constrain("rack stroke".to_owned(), BODY, RACK, kind)
+    b.constrain("rack stroke".to_owned(), BODY, RACK, kind);
 }
 
 /// What a linkage hands to its side.
@@ -247,12 +260,7 @@ impl Stages<'_> {
             let action = if link == spring_on {
                 self.kinematic.link(points.name(&what), BODY, inner, knuckle, outer);
                 let along = (outer - inner).normalize();
-                let pin: Vector3<f64> = triad_along(&along)
-                    .map(|t| if along.z.abs() < 0.9 { Vector3::z() } else { t.column(0).into_owned() })
-                    .ok_or_else(|| degenerate(&what))?;
-                // The pin on the body is made normal to the link at design.
-                let pin = (pin - along * along.dot(&pin)).normalize();
-                let across = pin.cross(&along);
+                let (pin, across) = cross_joint(&along, &what)?;
                 let r = &mut *self.reaction;
                 let body = r.body(&points.name(&what), inner);
                 self.follow.push(Follow::Link {

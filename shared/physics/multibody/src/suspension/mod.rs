@@ -5,27 +5,34 @@
 //! solves the constraint forces: a driver and a load on the same body would cancel, so with the drivers in
 //! place the vertical load would never reach the tie rod. The parts have no mass here; the spring is a
 //! massless link of the length found in stage 1. The stabiliser's torque acts on its halves only.
+//!
+//! With bushings there is one stage: arms, bushings, poses and forces are solved together each tick, the
+//! wheel heights given and the springs' forces unknown.
 
 use config::Check;
 use config::axle::Axle;
-use spatial::Vector3;
+use spatial::{Vector3, Wrench};
 
 use crate::body::{Pose, Twist};
 use crate::constraint::{Drive, Kind};
+use crate::equilibrium::Equilibrium;
 use crate::failure::{AssemblyError, Failure, Reason, Solved};
 use crate::mechanism::Description;
 
 mod assemble;
+mod compliant;
 mod friction;
 mod io;
 mod model;
 mod readout;
+mod solver;
 mod stage;
 
 pub use io::{SideOutput, Status, SuspensionInput, SuspensionOutput};
 
 use friction::KingpinFriction;
-use model::Model;
+use model::{BODY, Bar, Model, RACK, Side};
+use solver::Solver;
 use stage::Stage;
 
 /// Longest move of an input that Newton takes in one go; longer ones are split. [m]
@@ -48,21 +55,28 @@ pub enum SolverPath {
 pub struct SuspensionDescription {
     /// Stage 1: pose.
     pub kinematic: Description,
-    /// Stage 2: forces.
+    /// Stage 2: forces. With bushings there is one stage only, and both are it.
     pub reaction: Description,
+    /// Names of the bushings, if any.
+    pub bushings: Vec<String>,
 }
 
 /// A suspension: model, last pose, preallocated workspace.
 #[derive(Debug, Clone)]
 pub struct Suspension {
-    model: Model,
-    kinematic: Stage,
-    reaction: Stage,
+    solver: Solver,
+    sides: [Side; 2],
+    bar: Option<Bar>,
+    /// Side and place of each bushing among the outputs.
+    bushings: Vec<(String, usize, usize)>,
+    design: Vec<Pose>,
     poses: Vec<Pose>,
+    /// The tick before, from which the next one is predicted.
+    previous: Vec<Pose>,
     trial: Vec<Pose>,
     twists: Vec<Twist>,
     axis_twists: Vec<Twist>,
-    reaction_poses: Vec<Pose>,
+    force_poses: Vec<Pose>,
     load: Vec<f64>,
     lambda: Vec<f64>,
     friction: Option<[KingpinFriction; 2]>,
@@ -72,7 +86,7 @@ pub struct Suspension {
 }
 
 impl Suspension {
-    /// Assembles the axle's two stages, on the structured path.
+    /// Assembles the axle, on the structured path; with bushings where the axle has them.
     ///
     /// # Errors
     /// All broken rules of the axle; or the constraint that is redundant, singular or not met at design.
@@ -80,7 +94,7 @@ impl Suspension {
         Self::with_path(axle, SolverPath::default())
     }
 
-    /// Assembles the axle's two stages for the given solver.
+    /// Assembles the axle for the given solver. (With bushings there is one solver for both.)
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -89,37 +103,29 @@ impl Suspension {
         if !broken.is_empty() {
             return Err(AssemblyError::Axle(broken));
         }
-        let model = assemble::assemble(axle)?;
-        let drives = drives(&model, &SuspensionInput::DESIGN);
-        let stage = |name: &str, builder: &model::Builder| {
-            Stage::new(
-                &format!("{} ({name})", axle.name),
-                builder.mechanism(),
-                &builder.design,
-                &drives,
-                path,
-            )
-        };
-        let kinematic = stage("kinematic", &model.kinematic)?;
-        let reaction = stage("reaction", &model.reaction)?;
-        let poses = model.kinematic.design.clone();
+        let (solver, sides, bar, design, bushings) =
+            if axle.bushings.is_some() { elastic(axle)? } else { rigid(axle, path)? };
         let friction =
             axle.kingpin_friction.as_ref().map(|f| [KingpinFriction::new(f), KingpinFriction::new(f)]);
+        let force_bodies = solver.force_mechanism().bodies().len();
         let mut suspension = Self {
-            trial: poses.clone(),
-            twists: vec![Twist::ZERO; poses.len()],
-            axis_twists: vec![Twist::ZERO; poses.len()],
-            reaction_poses: model.reaction.design.clone(),
-            load: vec![0.0; 6 * model.reaction.bodies.len()],
-            lambda: vec![0.0; reaction.mechanism().rows()],
-            kinematic,
-            reaction,
-            poses,
+            sides,
+            bar,
+            bushings,
+            poses: design.clone(),
+            previous: design.clone(),
+            trial: design.clone(),
+            twists: vec![Twist::ZERO; design.len()],
+            axis_twists: vec![Twist::ZERO; design.len()],
+            force_poses: vec![Pose::IDENTITY; force_bodies],
+            load: vec![0.0; 6 * force_bodies],
+            lambda: vec![0.0; solver.force_mechanism().rows()],
+            design,
+            solver,
             friction,
             input: SuspensionInput::DESIGN,
             good: SuspensionOutput::default(),
             held_ticks: 0,
-            model,
         };
         suspension.reset();
         Ok(suspension)
@@ -127,7 +133,9 @@ impl Suspension {
 
     /// Back to the design pose, unloaded, without memory.
     pub fn reset(&mut self) {
-        self.poses.copy_from_slice(&self.model.kinematic.design);
+        self.poses.copy_from_slice(&self.design);
+        self.previous.copy_from_slice(&self.design);
+        self.lambda.fill(0.0);
         for friction in self.friction.iter_mut().flatten() {
             friction.reset();
         }
@@ -149,6 +157,7 @@ impl Suspension {
             }
             Err(failure) => {
                 self.held_ticks += 1;
+                self.previous.copy_from_slice(&self.poses);
                 *output = self.good;
                 for side in &mut output.side {
                     side.tie_rod_ball_velocity_m_s = Vector3::zeros();
@@ -166,33 +175,59 @@ impl Suspension {
     #[must_use]
     pub fn describe(&self) -> SuspensionDescription {
         SuspensionDescription {
-            kinematic: self.kinematic.mechanism().describe(),
-            reaction: self.reaction.mechanism().describe(),
+            kinematic: self.solver.pose_mechanism().describe(),
+            reaction: self.solver.force_mechanism().describe(),
+            bushings: self.bushings.iter().map(|(name, _, _)| name.clone()).collect(),
         }
     }
 
     /// Name of a constraint of stage 1, as numbered in [`Status::Held`].
     #[must_use]
     pub fn constraint_name(&self, index: usize) -> Option<&str> {
-        self.kinematic.mechanism().constraints().get(index).map(|c| c.name.as_str())
+        self.solver.pose_mechanism().constraints().get(index).map(|c| c.name.as_str())
+    }
+
+    /// Holds each spring at a length instead of holding each wheel at its height (`None`: wheel heights
+    /// again), as on a test bench for compliance. Only with bushings: a rigid axle would not move.
+    /// [m], left and right. Returns whether it was done.
+    pub fn lock_springs(&mut self, length_m: Option<[f64; 2]>) -> bool {
+        let Solver::Elastic { equilibrium, .. } = &mut self.solver else { return false };
+        for side in 0..2 {
+            equilibrium.set_lock(side, length_m.map(|length| length[side]));
+        }
+        true
+    }
+
+    /// Body by body, what load and constraint forces of the last tick leave unbalanced: [force, moment] per
+    /// body of the force stage; and the largest load. [N, N m] Without bushings only. Allocates.
+    #[must_use]
+    pub fn imbalance(&self) -> Option<(Vec<f64>, f64)> {
+        matches!(self.solver, Solver::Rigid { .. }).then(|| {
+            let mechanism = self.solver.force_mechanism();
+            let left = mechanism.imbalance(self.solver.force_rows(), &self.lambda, &self.load);
+            (left, self.load.iter().fold(0.0_f64, |m, x| m.max(x.abs())))
+        })
     }
 
     /// Numbers in the state.
     #[must_use]
     pub fn state_len(&self) -> usize {
-        7 * self.poses.len() + SuspensionInput::LEN + 2 + 1
+        14 * self.poses.len() + self.lambda.len() + SuspensionInput::LEN + 2 + 1
     }
 
-    /// Writes the state: poses, last good input, friction, ticks held.
+    /// Writes the state: poses of this tick and the one before, multipliers, last good input, friction,
+    /// ticks held.
     ///
     /// # Panics
     /// If `state` is not [`Self::state_len`] long.
     pub fn save_state(&self, state: &mut [f64]) {
         assert_eq!(state.len(), self.state_len());
-        let (poses, rest) = state.split_at_mut(7 * self.poses.len());
-        for (to, pose) in poses.chunks_exact_mut(7).zip(&self.poses) {
+        let (poses, rest) = state.split_at_mut(14 * self.poses.len());
+        for (to, pose) in poses.chunks_exact_mut(7).zip(self.poses.iter().chain(&self.previous)) {
             to.copy_from_slice(&pose.to_array());
         }
+        let (lambda, rest) = rest.split_at_mut(self.lambda.len());
+        lambda.copy_from_slice(&self.lambda);
         rest[..SuspensionInput::LEN].copy_from_slice(&self.input.to_array());
         let friction = &mut rest[SuspensionInput::LEN..];
         friction[0] = self.friction.map_or(0.0, |f| f[0].moment_n_m());
@@ -206,12 +241,14 @@ impl Suspension {
     /// If `state` is not [`Self::state_len`] long.
     pub fn load_state(&mut self, state: &[f64]) {
         assert_eq!(state.len(), self.state_len());
-        let (poses, rest) = state.split_at(7 * self.poses.len());
-        for (pose, from) in self.poses.iter_mut().zip(poses.chunks_exact(7)) {
+        let (poses, rest) = state.split_at(14 * self.poses.len());
+        for (pose, from) in self.poses.iter_mut().chain(&mut self.previous).zip(poses.chunks_exact(7)) {
             let mut q = [0.0; 7];
             q.copy_from_slice(from);
             *pose = Pose::from_array(q);
         }
+        let (lambda, rest) = rest.split_at(self.lambda.len());
+        self.lambda.copy_from_slice(lambda);
         self.input = SuspensionInput::from_array(rest);
         if let Some(friction) = &mut self.friction {
             friction[0].set_moment_n_m(rest[SuspensionInput::LEN]);
@@ -221,10 +258,14 @@ impl Suspension {
         self.refresh();
     }
 
-    /// The last good output again, from pose, input and friction.
+    /// The last good output again, from pose, input, friction and multipliers.
     fn refresh(&mut self) {
         self.trial.copy_from_slice(&self.poses);
         let input = self.input;
+        if let Solver::Elastic { equilibrium, .. } = &mut self.solver {
+            equilibrium.lambda_mut().copy_from_slice(&self.lambda);
+        }
+        self.prepare_loads(&input, 1.0);
         // The pose is a solved one: a failure can only mean a state that was not saved by this model; the
         // output then stays what it was, and the next tick is held.
         let _ = self.forces(&input, true);
@@ -243,9 +284,20 @@ impl Suspension {
         ];
         let longest = moves.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let pieces = (longest / STEP_INPUT_MAX_M).ceil().clamp(1.0, PIECES_MAX);
-        self.trial.copy_from_slice(&self.poses);
-        let mut total = Solved::default();
         let count = pieces as u32;
+        if count == 1 {
+            // The parts go on as they went in the last tick: then two Newton steps do.
+            for ((trial, now), before) in self.trial.iter_mut().zip(&self.poses).zip(&self.previous) {
+                let turn = before.p.relative_to(now.p);
+                *trial = Pose { r: now.r + (now.r - before.r), p: now.p.then(turn).normalised() };
+            }
+        } else {
+            self.trial.copy_from_slice(&self.poses);
+        }
+        if let Solver::Elastic { equilibrium, .. } = &mut self.solver {
+            equilibrium.lambda_mut().copy_from_slice(&self.lambda);
+        }
+        let mut total = Solved::default();
         for piece in 1..=count {
             let share = f64::from(piece) / pieces;
             let mut at = *input;
@@ -253,36 +305,36 @@ impl Suspension {
                 at.rack_m = from.rack_m + share * moves[0];
                 at.wheel_height_m = [0, 1].map(|side| from.wheel_height_m[side] + share * moves[1 + side]);
             }
-            let drives = drives(&self.model, &at);
-            let solved = self.kinematic.position(&mut self.trial, &drives)?;
+            let drives = drives(&self.sides, &at);
+            self.prepare_loads(input, share);
+            let solved = self.solver.position(&mut self.trial, &drives, &mut self.load)?;
             total = Solved { iterations: total.iterations + solved.iterations, residual: solved.residual };
         }
         self.turn_friction();
         self.forces(input, false)?;
+        self.previous.copy_from_slice(&self.poses);
         self.poses.copy_from_slice(&self.trial);
         self.input = *input;
         Ok(total)
     }
 
-    /// Velocities and stage 2 at the trial pose; writes `good`. `fresh` unless stage 1 has just ended there.
+    /// Velocities and forces at the trial pose; writes `good`. `fresh` unless it has just been solved.
     fn forces(&mut self, input: &SuspensionInput, fresh: bool) -> Result<(), Failure> {
-        let drives = drives(&self.model, input);
-        self.kinematic.velocity(&self.trial, &drives, fresh, &mut self.twists)?;
-        if self.model.sides.iter().any(|s| matches!(s.steering_axis, model::SteeringAxis::Instantaneous)) {
+        let drives = drives(&self.sides, input);
+        self.solver.velocity(&self.trial, &drives, &self.load, fresh, &mut self.twists)?;
+        if self.sides.iter().any(|s| matches!(s.steering_axis, model::SteeringAxis::Instantaneous)) {
             let mut unit = drives;
             unit[0].speed = 1.0;
             unit[1].speed = 0.0;
             unit[2].speed = 0.0;
             // A function of the pose alone, so that a restored state finds the same axis.
-            self.kinematic.velocity(&self.trial, &unit, true, &mut self.axis_twists)?;
+            self.solver.velocity(&self.trial, &unit, &self.load, true, &mut self.axis_twists)?;
         }
-        for (pose, follow) in self.reaction_poses.iter_mut().zip(&self.model.follow) {
-            *pose = follow.pose(&self.trial);
-        }
+        self.solver.follow(&self.trial, &mut self.force_poses);
         let mut side_outputs = [SideOutput::default(); 2];
         self.read_pose(input, &mut side_outputs);
         self.fill_load(input, &mut side_outputs);
-        self.reaction.reactions(&self.reaction_poses, &drives, &self.load, &mut self.lambda)?;
+        self.solver.reactions(&self.force_poses, &drives, &self.load, &mut self.lambda)?;
         self.read_forces(&mut side_outputs);
         Ok(())
     }
@@ -291,10 +343,10 @@ impl Suspension {
     fn turn_friction(&mut self) {
         let Some(friction) = &mut self.friction else { return };
         for (side, friction) in friction.iter_mut().enumerate() {
-            let body = self.model.sides[side].knuckle;
+            let body = self.sides[side].knuckle;
             let turned = self.poses[body].p.relative_to(self.trial[body].p).rotation_vector();
             let axis = self.trial[body].p.matrix().tr_mul(&readout::steering_direction(
-                &self.model.sides[side],
+                &self.sides[side],
                 &self.trial,
                 &self.axis_twists,
             ));
@@ -303,10 +355,50 @@ impl Suspension {
     }
 }
 
+type Assembled = (Solver, [Side; 2], Option<Bar>, Vec<Pose>, Vec<(String, usize, usize)>);
+
+/// Two rigid stages.
+fn rigid(axle: &Axle, path: SolverPath) -> Result<Assembled, AssemblyError> {
+    let model: Model = assemble::assemble(axle)?;
+    let drives = drives(&model.sides, &SuspensionInput::DESIGN);
+    let stage = |name: &str, builder: &model::Builder| {
+        let name = format!("{} ({name})", axle.name);
+        Stage::new(&name, builder.mechanism(), &builder.design, &drives, path)
+    };
+    let kinematic = stage("kinematic", &model.kinematic)?;
+    let reaction = Box::new(stage("reaction", &model.reaction)?);
+    let solver = Solver::Rigid { kinematic, reaction, follow: model.follow };
+    Ok((solver, model.sides, model.bar, model.kinematic.design, Vec::new()))
+}
+
+/// One elastic equilibrium.
+fn elastic(axle: &Axle) -> Result<Assembled, AssemblyError> {
+    let model = compliant::assemble_compliant(axle)?;
+    let drives = drives(&model.sides, &SuspensionInput::DESIGN);
+    let design = model.builder.design.clone();
+    let equilibrium = Equilibrium::new(
+        model.builder.mechanism(),
+        &design,
+        &[BODY, RACK],
+        model.bushings,
+        model.torsion,
+        model.carriers,
+        &drives,
+    )
+    .map_err(|at| AssemblyError::Redundant {
+        mechanism: format!("{} (with bushings)", axle.name),
+        constraints: vec![at],
+    })?;
+    let wrenches = vec![Wrench::ZERO; design.len()];
+    let rack_design = design[RACK].r;
+    let solver = Solver::Elastic { equilibrium: Box::new(equilibrium), wrenches, rack_design };
+    Ok((solver, model.sides, model.bar, design, model.bushing_names))
+}
+
 /// The drivers at an input: rack stroke, then both wheel-centre heights.
-fn drives(model: &Model, input: &SuspensionInput) -> [Drive; 3] {
+fn drives(sides: &[Side; 2], input: &SuspensionInput) -> [Drive; 3] {
     let height = |side: usize| Drive {
-        value: model.sides[side].wheel_centre_z + input.wheel_height_m[side],
+        value: sides[side].wheel_centre_z + input.wheel_height_m[side],
         speed: input.wheel_speed_m_s[side],
         acceleration: 0.0,
     };

@@ -168,6 +168,4 @@ pub(crate) struct Model {
     pub follow: Vec<Follow>,
     pub sides: [Side; 2],
     pub bar: Option<Bar>,
-    /// The rack driver in the force stage.
-    pub rack_driver: usize,
 }

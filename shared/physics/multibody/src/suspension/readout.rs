@@ -1,8 +1,9 @@
 //! From poses and multipliers to the outputs: alignment, joint forces, loads.
 
-use spatial::Vector3;
+use spatial::{Vector3, Wrench};
 
 use super::model::{Side, SteeringAxis};
+use super::solver::Solver;
 use super::{SideOutput, Suspension, SuspensionInput, link_force};
 use crate::body::{Pose, Twist};
 
@@ -50,9 +51,7 @@ fn steering_points(
 impl Suspension {
     /// Everything that follows from pose and velocity; the loads turned into B.
     pub(super) fn read_pose(&mut self, input: &SuspensionInput, out: &mut [SideOutput; 2]) {
-        for (side, to) in
-            self.model.sides.iter().zip(out.iter_mut()).enumerate().map(|(k, (s, t))| ((k, s), t))
-        {
+        for (side, to) in self.sides.iter().zip(out.iter_mut()).enumerate().map(|(k, (s, t))| ((k, s), t)) {
             let (index, side) = side;
             let (pose, twist) = (&self.trial[side.knuckle], &self.twists[side.knuckle]);
             let a = pose.p.matrix();
@@ -81,15 +80,39 @@ impl Suspension {
             to.kingpin_moment_n_m = (arm.cross(&to.wheel_force_n) + to.wheel_moment_n_m).dot(&d);
             to.kingpin_friction_n_m = self.friction.map_or(0.0, |f| -f[index].moment_n_m());
             let [(i, s_i), (j, s_j)] = &side.spring_ends;
-            to.spring_length_m =
-                (self.reaction_poses[*j].point(s_j) - self.reaction_poses[*i].point(s_i)).norm();
+            to.spring_length_m = (self.force_poses[*j].point(s_j) - self.force_poses[*i].point(s_i)).norm();
         }
     }
 
-    /// Applied loads of the force stage: wheels, kingpin friction, stabiliser spring.
+    /// Loads of an elastic equilibrium, before it is solved: `share` of the way from the last input's loads
+    /// to these, fixed in their bodies; kingpin friction about the axis as it last was.
+    pub(super) fn prepare_loads(&mut self, input: &SuspensionInput, share: f64) {
+        let Solver::Elastic { wrenches, .. } = &mut self.solver else { return };
+        let between = |from: &Vector3<f64>, to: &Vector3<f64>| from + (to - from) * share;
+        for (index, side) in self.sides.iter().enumerate() {
+            let last = &self.input;
+            let a = self.trial[side.knuckle].p.matrix();
+            let mut moment = between(&last.wheel_moment_n_m[index], &input.wheel_moment_n_m[index]);
+            if let Some(friction) = &self.friction {
+                let d = steering_direction(side, &self.trial, &self.axis_twists);
+                moment -= a.tr_mul(&d) * friction[index].moment_n_m();
+            }
+            let force = between(&last.wheel_force_n[index], &input.wheel_force_n[index]);
+            wrenches[side.knuckle] = Wrench { force_n: force, moment_n_m: moment };
+            // As the bodies stand now, for analyses at a pose that is not solved again.
+            let at = 6 * side.knuckle;
+            self.load[at..at + 3].copy_from_slice((a * force).as_slice());
+            self.load[at + 3..at + 6].copy_from_slice(moment.as_slice());
+        }
+    }
+
+    /// Applied loads of the rigid force stage: wheels, kingpin friction, stabiliser spring.
     pub(super) fn fill_load(&mut self, input: &SuspensionInput, out: &mut [SideOutput; 2]) {
-        self.load.fill(0.0);
-        for (index, side) in self.model.sides.iter().enumerate() {
+        let rigid = matches!(self.solver, Solver::Rigid { .. });
+        if rigid {
+            self.load.fill(0.0);
+        }
+        for (index, side) in self.sides.iter().enumerate().filter(|_| rigid) {
             let a = self.trial[side.knuckle].p.matrix();
             let mut moment = input.wheel_moment_n_m[index];
             if self.friction.is_some() {
@@ -100,7 +123,7 @@ impl Suspension {
             self.load[at..at + 3].copy_from_slice(out[index].wheel_force_n.as_slice());
             self.load[at + 3..at + 6].copy_from_slice(moment.as_slice());
         }
-        if let Some(bar) = &self.model.bar {
+        if let Some(bar) = &self.bar {
             for side in 0..2 {
                 let p = self.trial[bar.kinematic[side]].p;
                 self.good.stabiliser_angle_rad[side] = 2.0 * bar.axis.dot(&p.e).atan2(p.e0);
@@ -109,10 +132,11 @@ impl Suspension {
             let torque = bar.stiffness * (left - right);
             self.good.stabiliser_torque_n_m = torque;
             for (side, sign) in [(0, -1.0), (1, 1.0)] {
-                // The axis is the same in the bar's own frame: it turns about it.
+                // The axis is the same in the bar's own frame: it turns about it. (An elastic equilibrium
+                // has the spring among its own elements.)
                 let at = 6 * bar.reaction[side] + 3;
                 for k in 0..3 {
-                    self.load[at + k] = sign * torque * bar.axis[k];
+                    self.load[at + k] = if rigid { sign * torque * bar.axis[k] } else { 0.0 };
                 }
             }
         }
@@ -120,12 +144,12 @@ impl Suspension {
 
     /// Everything that follows from the multipliers; writes `good`.
     pub(super) fn read_forces(&mut self, out: &mut [SideOutput; 2]) {
-        let mechanism = self.reaction.mechanism();
-        let rows = self.reaction.rows();
-        for (side, to) in self.model.sides.iter().zip(out.iter_mut()) {
+        let mechanism = self.solver.force_mechanism();
+        let rows = self.solver.force_rows();
+        for (side, to) in self.sides.iter().zip(out.iter_mut()) {
             let axial = |constraint: usize| {
                 let c = &mechanism.constraints()[constraint];
-                let (i, j) = (&self.reaction_poses[c.i], &self.reaction_poses[c.j]);
+                let (i, j) = (&self.force_poses[c.i], &self.force_poses[c.j]);
                 let length = (j.point(&c.point_on(false)) - i.point(&c.point_on(true))).norm();
                 link_force(&c.kind, length, self.lambda[mechanism.first_row(constraint)])
             };
@@ -141,8 +165,15 @@ impl Suspension {
             to.upper_joint_force_n = sum(&side.upper);
             to.lower_joint_force_n = sum(&side.lower);
         }
-        let driver = self.model.rack_driver;
-        self.good.rack_force_n = mechanism.action(driver, rows, &self.lambda, false).force_n.y;
+        if let Solver::Elastic { equilibrium, .. } = &self.solver {
+            for (bushing, (_, side, place)) in equilibrium.bushings().iter().zip(&self.bushings) {
+                let moved = self.force_poses[bushing.body].point(&bushing.s) - bushing.anchor;
+                out[*side].bushing_deflection_m[*place] = moved;
+            }
+        }
+        // The drive holds the rack against both tie rods.
+        let pull = |side: &Side| mechanism.action(side.tie_rod, rows, &self.lambda, true).force_n.y;
+        self.good.rack_force_n = -(pull(&self.sides[0]) + pull(&self.sides[1]));
         self.good.side = *out;
     }
 }
