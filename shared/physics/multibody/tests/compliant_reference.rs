@@ -107,7 +107,9 @@ fn stiff_bushings_approach_the_rigid_axle() {
                 torsional_n_m_per_rad: 1e-2,
                 axis,
             };
-            let all = soft.geometry.body_points().iter().map(|point| ((*point).to_owned(), bushing.clone()));
+            // The spring stands beside its link's line: no bushing holds the link against turning about it.
+            let points = soft.geometry.body_points().iter().filter(|point| **point != "lower_front_inner");
+            let all = points.map(|point| ((*point).to_owned(), bushing.clone()));
             soft.bushings = Some(all.collect());
             let mut a = Suspension::new(&rigid).unwrap();
             let mut b = Suspension::new(&soft).unwrap();

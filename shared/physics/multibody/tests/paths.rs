@@ -129,7 +129,7 @@ proptest! {
                 for _ in 0..2 {
                     suspension.step(&SuspensionInput::DESIGN, &mut output);
                 }
-                prop_assert_eq!(output.status, Status::Converged);
+                prop_assert_eq!(output.status, Status::Converged, "{} {:?}", name, path);
                 prop_assert!(output.side[0].wheel_centre_m.x.abs() < 1e-9);
             }
         }

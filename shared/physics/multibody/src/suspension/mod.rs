@@ -265,7 +265,7 @@ impl Suspension {
         if let Solver::Elastic { equilibrium, .. } = &mut self.solver {
             equilibrium.lambda_mut().copy_from_slice(&self.lambda);
         }
-        self.prepare_loads(&input, 1.0);
+        self.prepare_loads(&input, &input, 1.0);
         // The pose is a solved one: a failure can only mean a state that was not saved by this model; the
         // output then stays what it was, and the next tick is held.
         let _ = self.forces(&input, true);
@@ -276,7 +276,28 @@ impl Suspension {
         if !input.is_finite() {
             return Err(failure(Reason::NotFinite));
         }
-        let from = self.input;
+        let last = self.input;
+        let total = match self.pose(&last, input, false) {
+            Ok(solved) => solved,
+            // A last pose near a dead point may be a bad place to start from; the design pose never is.
+            Err(from_last) => self.pose(&SuspensionInput::DESIGN, input, true).map_err(|_| from_last)?,
+        };
+        self.turn_friction();
+        self.forces(input, false)?;
+        self.previous.copy_from_slice(&self.poses);
+        self.poses.copy_from_slice(&self.trial);
+        self.input = *input;
+        Ok(total)
+    }
+
+    /// Solves the trial pose for `input`, starting at the input `from` with the last pose or (`at_design`)
+    /// the design pose, in as many pieces as the way is long.
+    fn pose(
+        &mut self,
+        from: &SuspensionInput,
+        input: &SuspensionInput,
+        at_design: bool,
+    ) -> Result<Solved, Failure> {
         let moves = [
             input.rack_m - from.rack_m,
             input.wheel_height_m[0] - from.wheel_height_m[0],
@@ -285,7 +306,9 @@ impl Suspension {
         let longest = moves.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let pieces = (longest / STEP_INPUT_MAX_M).ceil().clamp(1.0, PIECES_MAX);
         let count = pieces as u32;
-        if count == 1 {
+        if at_design {
+            self.trial.copy_from_slice(&self.design);
+        } else if count == 1 {
             // The parts go on as they went in the last tick: then two Newton steps do.
             for ((trial, now), before) in self.trial.iter_mut().zip(&self.poses).zip(&self.previous) {
                 let turn = before.p.relative_to(now.p);
@@ -295,7 +318,11 @@ impl Suspension {
             self.trial.copy_from_slice(&self.poses);
         }
         if let Solver::Elastic { equilibrium, .. } = &mut self.solver {
-            equilibrium.lambda_mut().copy_from_slice(&self.lambda);
+            if at_design {
+                equilibrium.lambda_mut().fill(0.0);
+            } else {
+                equilibrium.lambda_mut().copy_from_slice(&self.lambda);
+            }
         }
         let mut total = Solved::default();
         for piece in 1..=count {
@@ -306,15 +333,10 @@ impl Suspension {
                 at.wheel_height_m = [0, 1].map(|side| from.wheel_height_m[side] + share * moves[1 + side]);
             }
             let drives = drives(&self.sides, &at);
-            self.prepare_loads(input, share);
+            self.prepare_loads(from, input, share);
             let solved = self.solver.position(&mut self.trial, &drives, &mut self.load)?;
             total = Solved { iterations: total.iterations + solved.iterations, residual: solved.residual };
         }
-        self.turn_friction();
-        self.forces(input, false)?;
-        self.previous.copy_from_slice(&self.poses);
-        self.poses.copy_from_slice(&self.trial);
-        self.input = *input;
         Ok(total)
     }
 

@@ -84,13 +84,12 @@ impl Suspension {
         }
     }
 
-    /// Loads of an elastic equilibrium, before it is solved: `share` of the way from the last input's loads
+    /// Loads of an elastic equilibrium, before it is solved: `share` of the way from the `last` loads
     /// to these, fixed in their bodies; kingpin friction about the axis as it last was.
-    pub(super) fn prepare_loads(&mut self, input: &SuspensionInput, share: f64) {
+    pub(super) fn prepare_loads(&mut self, last: &SuspensionInput, input: &SuspensionInput, share: f64) {
         let Solver::Elastic { wrenches, .. } = &mut self.solver else { return };
         let between = |from: &Vector3<f64>, to: &Vector3<f64>| from + (to - from) * share;
         for (index, side) in self.sides.iter().enumerate() {
-            let last = &self.input;
             let a = self.trial[side.knuckle].p.matrix();
             let mut moment = between(&last.wheel_moment_n_m[index], &input.wheel_moment_n_m[index]);
             if let Some(friction) = &self.friction {
