@@ -643,10 +643,13 @@ fn count(tree: &mut Tree, flat: &mut Flat, block: usize, raw: &Raw, from: usize)
     let b = flat.blocks[block].clone();
     let own = &flat.equations[from..];
     let computed = |v: u32| own.iter().filter(|e| e.gives == Gives::Variable(v)).count();
+    // Rows labelled by an expression (such as 0) are constraints: they stand for what no row gives outright.
+    let constraints = own.iter().filter(|e| e.gives == Gives::Nothing).count();
     let mut problems = Vec::new();
     for p in &b.ports {
         let given = if p.gives_across { &p.across } else { &p.through };
         match given.1.iter().map(|v| computed(*v)).max() {
+            Some(0) if constraints > 0 => {}
             Some(0) => problems.push((
                 p.place.clone(),
                 format!("{}.{}", b.path, p.name),
@@ -660,7 +663,7 @@ fn count(tree: &mut Tree, flat: &mut Flat, block: usize, raw: &Raw, from: usize)
             )),
         }
         let taken = if p.gives_across { &p.through } else { &p.across };
-        if taken.1.iter().any(|v| computed(*v) > 0) {
+        if constraints == 0 && taken.1.iter().any(|v| computed(*v) > 0) {
             problems.push((
                 p.place.clone(),
                 format!("{}.{}", b.path, p.name),

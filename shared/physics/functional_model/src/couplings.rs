@@ -133,7 +133,10 @@ pub(crate) fn join_all(tree: &mut Tree, flat: &mut Flat, fault: Fault) {
             join(tree, flat, host, c, fault);
         }
         for name in &raw.free {
-            free(tree, flat, host, name);
+            closed(tree, flat, host, name, false);
+        }
+        for name in &raw.fixed {
+            closed(tree, flat, host, name, true);
         }
     }
     open_ports(tree, flat, fault);
@@ -142,7 +145,7 @@ pub(crate) fn join_all(tree: &mut Tree, flat: &mut Flat, fault: Fault) {
             if p.coupling.is_none() {
                 let path = &flat.blocks[b].path;
                 let at = if path.is_empty() { p.name.clone() } else { format!("{path}.{}", p.name) };
-                tree.fail(&p.place, Rule::Unconnected, at, "the port is joined to nothing; couple it, open it under [ports], or list it in free = [...]");
+                tree.fail(&p.place, Rule::Unconnected, at, "the port is joined to nothing; couple it, open it under [ports], or list it in free = [...] (no through) or fixed = [...] (no across)");
             }
         }
     }
@@ -318,27 +321,28 @@ fn joint(flat: &mut Flat, sides: &[Side], series: bool, name: &str, place: &Plac
     }
 }
 
-/// A port left free takes nothing: through (or across) zero.
-fn free(tree: &mut Tree, flat: &mut Flat, host: usize, name: &Text) {
+/// A port left free passes no through, a fixed one no across.
+fn closed(tree: &mut Tree, flat: &mut Flat, host: usize, name: &Text, fixed: bool) {
     let Some(found) = find(tree, flat, host, name) else { return };
     let index = flat.couplings.len();
     if !claim(tree, flat, &found, index, name) {
         return;
     }
     let port = flat.blocks[found.block].ports[found.port].clone();
-    let taken = if port.gives_across { &port.through.1 } else { &port.across.1 };
-    for v in taken {
+    let what = if fixed { "fixed" } else { "free" };
+    let zero = if fixed { &port.across.1 } else { &port.through.1 };
+    for v in zero {
         let residual = flat.pool.variable(*v as usize);
         flat.equations.push(Equation {
             residual,
             block: None,
-            label: format!("free port {}", name.text),
+            label: format!("{what} port {}", name.text),
             gives: Gives::Variable(*v),
             place: name.place.clone(),
         });
     }
     flat.couplings.push(Coupling {
-        name: format!("{} - free", name.text),
+        name: format!("{} - {what}", name.text),
         members: vec![(found.block, found.port)],
         outside: None,
         host,

@@ -30,7 +30,10 @@ pub(crate) struct Raw {
     pub supply: Option<Text>,
     pub parts: Vec<RawPart>,
     pub couplings: Vec<RawCoupling>,
+    /// Ports whose through is zero.
     pub free: Vec<Text>,
+    /// Ports whose across is zero.
+    pub fixed: Vec<Text>,
     pub mechanisms: Vec<RawMechanism>,
     pub observe: Vec<RawObserve>,
     pub start: Vec<(String, Text)>,
@@ -164,6 +167,7 @@ const MODEL_KEYS: &[&str] = &[
     "parts",
     "couplings",
     "free",
+    "fixed",
     "mechanism",
     "observe",
     "start",
@@ -327,6 +331,7 @@ impl Reader {
                     raw.couplings.push(c);
                 }
             }
+            "fixed" => raw.fixed = self.list(v, "fixed").iter().map(|c| self.text(c, "fixed")).collect(),
             "free" => raw.free = self.list(v, "free").iter().map(|c| self.text(c, "free")).collect(),
             "mechanism" => {
                 for (name, m) in self.table(v, "mechanism") {

@@ -6,7 +6,7 @@
 use crate::calculus::{Leaves, derivative, evaluate};
 use crate::eliminate::{Row, eliminate, eliminate_keeping};
 use crate::error::{ModelError, Rule};
-use crate::flat::{Flat, Kind};
+use crate::flat::{Flat, Gives, Kind};
 use crate::kernel::{Newton, leaf_column};
 use crate::model::System;
 use crate::pool::{Id, Node};
@@ -175,9 +175,17 @@ impl System {
         let kinds: Vec<Kind> = flat.variables.iter().map(|v| v.kind).collect();
         let width = columns.len() + outputs.len();
         // First everything but rates, for the descriptor form; then the rates too, for the outputs.
-        let storage: Vec<bool> = rows
-            .iter()
-            .map(|r| r.iter().any(|e| e.0 < base && of_column(e.0).is_some_and(|c| c.1)))
+        // The storages' own rows come out as they went in, so that E holds masses and not multiples of them.
+        let storage: Vec<bool> = (0..rows.len())
+            .map(|r| {
+                self.dae.equations.get(r).is_some_and(|e| {
+                    let rate = match flat.equations[e.origin].gives {
+                        Gives::Rate(v) => flat.variables[v as usize].kind == Kind::State,
+                        _ => false,
+                    };
+                    e.order == 0 && rate
+                })
+            })
             .collect();
         let first = eliminate_keeping(
             &rows,
@@ -242,6 +250,7 @@ impl System {
             );
             m.state_constant.push(clean(-sign * entry(row, ONE)));
         }
+        m.without_kinematic_rates();
         for i in 0..outputs.len() {
             let none = Row::new();
             let row = full.solved.iter().find(|s| s.0 == base + i as u32).map_or(&none, |s| &s.1);
@@ -250,6 +259,32 @@ impl System {
             m.output_constant.push(entry(row, ONE));
         }
         Ok(m)
+    }
+}
+
+impl Matrices {
+    /// Rows that hold one rate only (an angle's theta' = w) are put into the others, where a transport term may have
+    /// left theta', so that E holds storages only.
+    fn without_kinematic_rates(&mut self) {
+        let n = self.states.len();
+        for i in 0..n {
+            if self.e[i][i] == 0.0 || (0..n).any(|j| j != i && self.e[i][j] != 0.0) {
+                continue;
+            }
+            for j in (0..n).filter(|j| *j != i) {
+                let f = self.e[j][i] / self.e[i][i];
+                if f != 0.0 {
+                    self.e[j][i] = 0.0;
+                    for k in 0..n {
+                        self.a[j][k] -= f * self.a[i][k];
+                    }
+                    for k in 0..self.inputs.len() {
+                        self.b[j][k] -= f * self.b[i][k];
+                    }
+                    self.state_constant[j] -= f * self.state_constant[i];
+                }
+            }
+        }
     }
 }
 

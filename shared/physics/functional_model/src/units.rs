@@ -14,6 +14,7 @@ pub struct Unit {
 /// One twelfth is the grain of an exponent.
 const GRAIN: i16 = 12;
 
+/// No gram, tonne and tesla: `g`, `t` and `T` are gravity, time and torque to the authors of models.
 /// name, scale to SI, exponents of m kg s A K mol
 const KNOWN: &[(&str, f64, [i16; 6])] = &[
     ("1", 1.0, [0, 0, 0, 0, 0, 0]),
@@ -27,8 +28,6 @@ const KNOWN: &[(&str, f64, [i16; 6])] = &[
     ("mm", 1e-3, [1, 0, 0, 0, 0, 0]),
     ("um", 1e-6, [1, 0, 0, 0, 0, 0]),
     ("kg", 1.0, [0, 1, 0, 0, 0, 0]),
-    ("g", 1e-3, [0, 1, 0, 0, 0, 0]),
-    ("t", 1e3, [0, 1, 0, 0, 0, 0]),
     ("s", 1.0, [0, 0, 1, 0, 0, 0]),
     ("ms", 1e-3, [0, 0, 1, 0, 0, 0]),
     ("us", 1e-6, [0, 0, 1, 0, 0, 0]),
@@ -60,7 +59,6 @@ const KNOWN: &[(&str, f64, [i16; 6])] = &[
     ("H", 1.0, [2, 1, -2, -2, 0, 0]),
     ("mH", 1e-3, [2, 1, -2, -2, 0, 0]),
     ("Wb", 1.0, [2, 1, -2, -1, 0, 0]),
-    ("T", 1.0, [0, 1, -2, -1, 0, 0]),
     ("C", 1.0, [0, 0, 1, 1, 0, 0]),
 ];
 
