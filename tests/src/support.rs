@@ -28,7 +28,8 @@ pub fn kingpin() -> PathBuf {
                 Ok(status) if status.success() => {}
                 other => panic!("kingpin cannot be built: {other:?}"),
             }
-            let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
+            let target = std::env::var_os("CARGO_TARGET_DIR")
+                .map_or_else(|| workspace().join("target"), PathBuf::from);
             target.join("release").join("kingpin")
         })
         .clone()

@@ -24,8 +24,19 @@ const LAYERS: &[(&str, &[&str])] = &[
     (
         "assembly",
         &[
-            "config", "regions", "table", "runtime", "spatial", "multibody", "tyre", "vehicle", "functional_model",
-            "rig_plant", "rig_control", "manoeuvre", "safety",
+            "config",
+            "regions",
+            "table",
+            "runtime",
+            "spatial",
+            "multibody",
+            "tyre",
+            "vehicle",
+            "functional_model",
+            "rig_plant",
+            "rig_control",
+            "manoeuvre",
+            "safety",
         ],
     ),
     ("record", &["regions"]),
@@ -113,8 +124,16 @@ fn shipped(text: &str) -> String {
 #[test]
 fn physics_reads_no_clock_no_file_and_no_environment() {
     let banned = [
-        "Instant::now", "SystemTime", "std::fs", "std::env", "std::process", "std::net", "std::thread",
-        "HashMap", "thread_rng", "println!",
+        "Instant::now",
+        "SystemTime",
+        "std::fs",
+        "std::env",
+        "std::process",
+        "std::net",
+        "std::thread",
+        "HashMap",
+        "thread_rng",
+        "println!",
     ];
     let mut faults = Vec::new();
     for (folder, _) in manifests() {

@@ -297,7 +297,11 @@ impl<'a> Walker<'a> {
             }
             match schema.get("additionalProperties") {
                 Some(Json::Bool(false)) => {
-                    let free = known.keys().filter(|name| !table.contains_key(*name));
+                    // A key that the same file gives already was not meant; an inherited one may have been.
+                    let source = entry.key_origin.source;
+                    let free = known.keys().filter(|name| {
+                        table.get(*name).is_none_or(|given| given.key_origin.source != source)
+                    });
                     let (rule, meant) = unknown_key(key, free.map(String::as_str));
                     meant_keys.extend(meant.clone());
                     self.inside(key.clone(), |walker| {

@@ -129,7 +129,14 @@ impl Logger {
                 match track.reader.read(n, &mut track.words) {
                     Read::Ready => {
                         self.log.write(track.id, n, &track.words);
-                        observe(&mut self.watch, &mut self.end_tick, &mut self.log, track.id, n, &track.words);
+                        observe(
+                            &mut self.watch,
+                            &mut self.end_tick,
+                            &mut self.log,
+                            track.id,
+                            n,
+                            &track.words,
+                        );
                         messages += 1;
                     }
                     Read::Missing if track.dense => self.status.missing_count += 1,

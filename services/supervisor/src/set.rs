@@ -60,9 +60,8 @@ pub(crate) fn run(
 
     let executable = std::env::current_exe().map_err(|e| RunError::Io("kingpin".into(), e))?;
     let output = run.directory.join("services.txt");
-    let children =
-        Children::start(executable, run.bench.name().as_str(), &output, run.restart_delay_ns)
-            .map_err(|e| RunError::Io(output.clone(), e))?;
+    let children = Children::start(executable, run.bench.name().as_str(), &output, run.restart_delay_ns)
+        .map_err(|e| RunError::Io(output.clone(), e))?;
     let children = cleaner.children.insert(children);
     wait_until_ready(&table, children, drive, &output, interrupt)?;
     for line in said(&output).lines() {
@@ -128,7 +127,9 @@ fn wait_until_ready(
             .iter()
             .map(|&id| (id, id.region()))
             .filter(|(id, region)| {
-                region.writer != "supervisor" && region.layout.name != "Timing" && *id != RegionId::LoggerStatus
+                region.writer != "supervisor"
+                    && region.layout.name != "Timing"
+                    && *id != RegionId::LoggerStatus
             })
             .filter(|(id, _)| table.reader(*id as usize).header().writer().is_none())
             .map(|(_, region)| region.name)

@@ -20,11 +20,19 @@ pub fn axle_kinematics(axle: &Axle, rack_max_m: f64) -> Result<AxleKinematics, V
     let mut scale = 1.0;
     while scale > 0.35 {
         if let Some((grid, sides)) = sweep(&mut solver, TRAVEL_M * scale, rack_max_m * scale.max(0.8)) {
-            return AxleKinematics::from_samples(grid, &sides[0], &sides[1], [axle.spin_axis(0), axle.spin_axis(1)]).map_err(|e| vec![e]);
+            return AxleKinematics::from_samples(
+                grid,
+                &sides[0],
+                &sides[1],
+                [axle.spin_axis(0), axle.spin_axis(1)],
+            )
+            .map_err(|e| vec![e]);
         }
         scale -= 0.05;
     }
-    Err(vec!["the suspension cannot be posed over a third of the usual travel: check the hardpoints".to_owned()])
+    Err(vec![
+        "the suspension cannot be posed over a third of the usual travel: check the hardpoints".to_owned(),
+    ])
 }
 
 fn sweep(

@@ -6,7 +6,8 @@ use config::ResolvedBench;
 use multibody::{Status, Suspension, SuspensionInput, SuspensionOutput};
 use nalgebra::Vector3;
 use regions::{
-    MultibodyCheckpoint, NO_TICK, Payload, RegionId, RigMeasurement, SuspensionState, VehicleState, model_flags,
+    MultibodyCheckpoint, NO_TICK, Payload, RegionId, RigMeasurement, SuspensionState, VehicleState,
+    model_flags,
 };
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 
@@ -51,7 +52,10 @@ impl MultibodyNode {
         let mut output = SuspensionOutput::default();
         suspension.step(&SuspensionInput::DESIGN, &mut output);
         if output.status != Status::Converged {
-            return Err(AssemblyError::new("front axle", ["the design pose cannot be solved: check the hardpoints"]));
+            return Err(AssemblyError::new(
+                "front axle",
+                ["the design pose cannot be solved: check the hardpoints"],
+            ));
         }
         let limit = resolved.scenario.limits.stale_after_ticks;
         let mut last = SuspensionState::absent();

@@ -23,7 +23,13 @@ const READS: &[InputSpec] = &[
     InputSpec { region: RegionId::Bench, when: When::Latest },
 ];
 const NODES: &[NodeSpec] = &[
-    NodeSpec { name: "rig_sample", reads: &[], writes: RegionId::RigMeasurement, checkpoint: None, rings: true },
+    NodeSpec {
+        name: "rig_sample",
+        reads: &[],
+        writes: RegionId::RigMeasurement,
+        checkpoint: None,
+        rings: true,
+    },
     NodeSpec { name: "rig_apply", reads: READS, writes: RegionId::RigStatus, checkpoint: None, rings: false },
 ];
 
@@ -235,7 +241,8 @@ impl RigNode {
         }
 
         let unfit = model_flags::STALE | model_flags::HELD_POSE | model_flags::MODEL_FAULT;
-        let finite = suspension.tie_rod_force_n.iter().chain(&suspension.ball_height_m).all(|v| v.is_finite());
+        let finite =
+            suspension.tie_rod_force_n.iter().chain(&suspension.ball_height_m).all(|v| v.is_finite());
         let fresh = input.fresh() && car_input.fresh() && finite && suspension.flags & unfit == 0;
         if fresh {
             self.stale = 0;
@@ -262,7 +269,8 @@ impl RigNode {
                 fade: self.command.fade,
             };
             let speed = car.velocity_m_s[0];
-            self.plant.set_environment(&RigEnvironment { vehicle_speed_m_s: speed, ..RigEnvironment::default() });
+            self.plant
+                .set_environment(&RigEnvironment { vehicle_speed_m_s: speed, ..RigEnvironment::default() });
         } else {
             self.stale += 1;
             self.late += 1;

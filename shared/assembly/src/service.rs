@@ -152,7 +152,12 @@ pub fn serve(kind: ServiceKind, bench: &Bench, mut note: impl FnMut(&str)) -> Re
                 ServiceKind::Vehicle => {
                     (RegionId::VehicleTiming, timing.vehicle_latest_start, 0.02, RegionId::VehicleState)
                 }
-                _ => (RegionId::MultibodyTiming, timing.multibody_latest_start, 0.05, RegionId::SuspensionState),
+                _ => (
+                    RegionId::MultibodyTiming,
+                    timing.multibody_latest_start,
+                    0.05,
+                    RegionId::SuspensionState,
+                ),
             };
             let plan = paced::FollowPlan {
                 latest_start,

@@ -34,9 +34,9 @@ impl Chain {
         Ok(())
     }
 
-    /// The models, in the order given.
-    pub fn models(&self) -> &[Bound<dyn Model>] {
-        &self.models
+    /// The models, in the order given, for who takes the chain apart.
+    pub fn into_models(self) -> Vec<Bound<dyn Model>> {
+        self.models
     }
 }
 

@@ -55,8 +55,7 @@ pub fn list(args: &ListArgs) -> Exit {
             continue;
         }
         output::line(format!("{directory}:"));
-        let rows: Vec<_> =
-            shipped.iter().map(|s| vec![format!("  {}", s.name), describe(&s.text)]).collect();
+        let rows: Vec<_> = shipped.iter().map(|s| vec![format!("  {}", s.name), describe(&s.text)]).collect();
         output::line(output::columns(&rows));
     }
     if args.json {

@@ -27,12 +27,8 @@ fn target(signal: Signal) -> (&'static str, &'static str) {
 
 /// What the report lays over: the records of the configuration, within the run, on the run's clock.
 fn options(log: &LogReader) -> ReportOptions {
-    let mut options = ReportOptions {
-        title: None,
-        description: None,
-        overlays: Vec::new(),
-        limits: Limits::default(),
-    };
+    let mut options =
+        ReportOptions { title: None, description: None, overlays: Vec::new(), limits: Limits::default() };
     // A log of another version may carry a configuration this one does not read: then without overlays.
     let Ok(resolved) = ResolvedBench::from_json(&log.header.configuration) else {
         return options;
@@ -105,8 +101,8 @@ pub fn text(summary: &Value) -> String {
         let figures = &summary["force_tracking"][side];
         lines.push(format!(
             "  tie-rod force {name}: error max {} %, rms {} %, lag {} ms",
-            number(&figures["max_percent"], 1.0, 2),
-            number(&figures["rms_percent"], 1.0, 2),
+            number(&figures["error_max_percent"], 1.0, 2),
+            number(&figures["error_rms_percent"], 1.0, 2),
             number(&figures["lag_s"], 1e3, 1),
         ));
     }

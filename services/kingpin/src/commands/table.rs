@@ -77,9 +77,10 @@ fn describe(reader: &RegionReader) -> Value {
     let alive = writer.is_some_and(table::is_alive);
     let head = reader.head();
     // Age in ticks by the clock; a left-over table goes on ageing.
-    let now_tick = header.t0_ns().filter(|&t0| t0 > 1).map(|t0| {
-        table::monotonic_ns().saturating_sub(t0) / header.period_ns().max(1)
-    });
+    let now_tick = header
+        .t0_ns()
+        .filter(|&t0| t0 > 1)
+        .map(|t0| table::monotonic_ns().saturating_sub(t0) / header.period_ns().max(1));
     json!({
         "region": reader.name(),
         "newest_tick": head.checked_sub(1),
@@ -116,7 +117,13 @@ fn show_all(bench: &Bench, args: &TableShowArgs) -> Result<(), TableError> {
             Ok(reader) => {
                 let value = describe(&reader);
                 let keys = [
-                    "region", "newest_tick", "age_ticks", "epoch", "writer_pid", "writer_alive", "words",
+                    "region",
+                    "newest_tick",
+                    "age_ticks",
+                    "epoch",
+                    "writer_pid",
+                    "writer_alive",
+                    "words",
                     "depth",
                 ];
                 rows.push(keys.iter().map(|key| text(&value[key])).collect());
@@ -187,7 +194,11 @@ fn show_region(bench: &Bench, region: &'static Region, args: &TableShowArgs) -> 
             _ => serde_json::Map::new(),
         };
         let all = json!({"header": head, "tick": tick, "state": state, "content": content});
-        if args.watch { output::line(all) } else { output::json(&all) }
+        if args.watch {
+            output::line(all)
+        } else {
+            output::json(&all)
+        }
         return Ok(());
     }
     let age = text(&head["age_ticks"]);
