@@ -17,6 +17,7 @@ pub mod kinematics;
 mod library_samples;
 pub mod linear;
 pub mod mechanism;
+pub mod methods;
 pub mod structured;
 pub mod suspension;
 pub mod system;
