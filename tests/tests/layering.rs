@@ -19,7 +19,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("vehicle", &["spatial", "config", "tyre"]),
     ("rig_plant", &["config", "functional_model"]),
     ("rig_control", &["config", "rig_plant", "metrics"]),
-    ("safety", &["config", "rig_plant"]),
+    ("safety", &["config", "rig_plant", "rig_control"]),
     ("runtime", &["table", "regions"]),
     (
         "assembly",

@@ -19,6 +19,11 @@ use table::{Read, RegionReader, RegionWriter, Table, TableError};
 /// Flush interval: what a killed logger loses at most. [ns]
 pub const FLUSH_NS: Nanos = 50_000_000;
 
+/// Silence behind the end of the run after which nothing more is waited for. [ns]
+const END_NS: Nanos = 2 * clock::SECOND;
+/// Silence of a run without an end (its supervisor died) after which nothing more is waited for. [ns]
+const ORPHAN_NS: Nanos = 15 * clock::SECOND;
+
 /// Most ticks of one region read in one go, so that no region falls behind the others.
 const BATCH: u64 = 256;
 
@@ -181,7 +186,7 @@ impl Logger {
         self.end_tick != NO_TICK && self.status.read_tick >= self.end_tick
     }
 
-    /// Whether the run has an end that is already in the past by `grace` ticks of the newest region.
+    /// First tick that is not part of the run, once that is known.
     pub fn end_tick(&self) -> Option<u64> {
         (self.end_tick != NO_TICK).then_some(self.end_tick)
     }
@@ -270,8 +275,10 @@ pub fn run(mut logger: Logger, poll_ns: Nanos, mut stop: impl FnMut() -> bool) -
             last_news = now;
             continue;
         }
-        // The end is known but a service died short of it: what there is, is all there will be.
-        if logger.end_tick().is_some() && now - last_news > 2 * clock::SECOND {
+        // The end is known but a service died short of it, or everybody has gone without a word: what there is,
+        // is all there will be.
+        let patience = if logger.end_tick().is_some() { END_NS } else { ORPHAN_NS };
+        if now - last_news > patience {
             return logger.finish();
         }
         clock::sleep_until(now + poll_ns, 0);

@@ -5,6 +5,7 @@ mod log;
 mod run;
 mod service;
 mod summary;
+mod suspension;
 mod table;
 
 use crate::args::{Args, Command};
@@ -23,6 +24,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Recover(args) => log::recover(&args),
         Command::Export(args) => log::export(&args),
         Command::Compare(args) => log::compare(&args),
+        Command::Suspension(args) => suspension::suspension(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());
