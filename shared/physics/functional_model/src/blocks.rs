@@ -150,6 +150,11 @@ fn declare_block(tree: &mut Tree, flat: &mut Flat, index: usize, raw: &Raw, path
         let ids = declare(flat, path, &s.name, n, Kind::State, unit, Some(block));
         name_once(tree, index, &s.name, ids, unit, !s.scalar, &s.unit);
     }
+    for (name, text) in &raw.signals {
+        let unit = si_unit(tree, text, &text.text, &format!("{path} signal {name}"));
+        let ids = declare(flat, path, name, 1, Kind::Algebraic, unit, Some(block));
+        name_once(tree, index, name, ids, unit, false, text);
+    }
     let mut ports = Vec::new();
     for (name, port) in &raw.ports {
         let at = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
@@ -671,7 +676,8 @@ fn count(tree: &mut Tree, flat: &mut Flat, block: usize, raw: &Raw, from: usize)
             ));
         }
     }
-    let unknowns: usize = b.ports.iter().map(|p| p.across.1.len()).sum::<usize>()
+    let unknowns: usize = raw.signals.len()
+        + b.ports.iter().map(|p| p.across.1.len()).sum::<usize>()
         + flat.variables.iter().filter(|v| v.kind == Kind::State && v.block == Some(block)).count();
     if problems.is_empty() && own.len() != unknowns {
         let message = format!(

@@ -336,7 +336,14 @@ impl Compiled {
             if let Some(a) = &mut self.accountant {
                 if a.needs_core() {
                     let (args, equations) = (&self.kernel.args, &self.kernel.equations);
-                    self.newton.solve(&self.kernel, args, equations, &self.known, &mut self.core);
+                    self.newton.solve(
+                        &self.kernel,
+                        args,
+                        equations,
+                        &self.known,
+                        &mut self.core,
+                        self.kernel.affine_in_core,
+                    );
                 }
                 a.after_sample(&self.known, &self.core, &self.kernel);
             }
@@ -346,7 +353,9 @@ impl Compiled {
 
     fn solve_now(&mut self) -> bool {
         let (args, equations) = (&self.kernel.args, &self.kernel.equations);
-        self.newton.solve(&self.kernel, args, equations, &self.known, &mut self.core).converged
+        self.newton
+            .solve(&self.kernel, args, equations, &self.known, &mut self.core, self.kernel.affine_in_core)
+            .converged
     }
 
     fn read_outputs(&mut self) {
@@ -419,6 +428,7 @@ impl Compiled {
             &self.step_equations,
             &self.known,
             &mut self.core,
+            self.kernel.linear_between_samples,
         );
         status.iterations = solve.iterations as u32;
         status.not_converged = !solve.converged;
@@ -457,7 +467,14 @@ impl Compiled {
             }
             self.middle[at] = t0 + c * dt;
             let (args, equations) = (&self.kernel.args, &self.kernel.equations);
-            let solve = self.newton.solve(&self.kernel, args, equations, &self.middle, &mut self.core);
+            let solve = self.newton.solve(
+                &self.kernel,
+                args,
+                equations,
+                &self.middle,
+                &mut self.core,
+                self.kernel.affine_in_core,
+            );
             status.iterations += solve.iterations as u32;
             status.not_converged |= !solve.converged;
             for i in 0..n {

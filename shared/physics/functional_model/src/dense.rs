@@ -105,24 +105,38 @@ pub(crate) struct Exponential {
     numerator: Vec<f64>,
     lu: Lu,
     column: Vec<f64>,
+    scale: Vec<f64>,
 }
 
 impl Exponential {
     pub fn new(n: usize) -> Exponential {
         let m = || vec![0.0; n * n];
-        Exponential { n, a: m(), power: m(), next: m(), numerator: m(), lu: Lu::new(n), column: vec![0.0; n] }
+        Exponential {
+            n,
+            a: m(),
+            power: m(),
+            next: m(),
+            numerator: m(),
+            lu: Lu::new(n),
+            column: vec![0.0; n],
+            scale: vec![1.0; n],
+        }
     }
 
     /// result = exp(h * a)
     pub fn of(&mut self, a: &[f64], h: f64, result: &mut [f64]) {
         let n = self.n;
+        for (d, v) in self.a.iter_mut().zip(a) {
+            *d = v * h;
+        }
+        self.balance();
         let norm = (0..n)
-            .map(|i| a[i * n..(i + 1) * n].iter().map(|v| (v * h).abs()).sum::<f64>())
+            .map(|i| self.a[i * n..(i + 1) * n].iter().map(|v| v.abs()).sum::<f64>())
             .fold(0.0f64, f64::max);
         let squarings = if norm > 0.25 { ((norm / 0.25).log2().ceil() as i32).clamp(0, 60) } else { 0 };
-        let s = h * 0.5f64.powi(squarings);
-        for (d, v) in self.a.iter_mut().zip(a) {
-            *d = v * s;
+        let s = 0.5f64.powi(squarings);
+        for d in &mut self.a {
+            *d *= s;
         }
         self.power.fill(0.0);
         for i in 0..n {
@@ -156,6 +170,49 @@ impl Exponential {
             multiply(n, result, result, &mut self.next);
             result.copy_from_slice(&self.next);
         }
+        for i in 0..n {
+            for j in 0..n {
+                result[i * n + j] *= self.scale[i] / self.scale[j];
+            }
+        }
+    }
+
+    /// Similarity by powers of two that evens rows and columns out (Osborne 1960, J. ACM 7, 338). Without it the
+    /// column of an input in other units (a flow into a stiff volume) alone would force so many squarings that the
+    /// slow part of the exponential is lost in rounding ("overscaling").
+    fn balance(&mut self) {
+        let n = self.n;
+        self.scale.fill(1.0);
+        for _ in 0..6 {
+            for i in 0..n {
+                let (mut row, mut column) = (0.0f64, 0.0f64);
+                for j in (0..n).filter(|j| *j != i) {
+                    row += self.a[i * n + j].abs();
+                    column += self.a[j * n + i].abs();
+                }
+                // A zero row (inputs, the constant) or column (pure integrals) may be scaled down at will.
+                let f = if row > 0.0 && column > 0.0 {
+                    (row / column).sqrt()
+                } else if column > 1e-3 {
+                    1e-3 / column
+                } else if row > 1e-3 {
+                    row / 1e-3
+                } else {
+                    continue;
+                };
+                let f = f.log2().round().clamp(-300.0, 300.0).exp2();
+                if f == 1.0 {
+                    continue;
+                }
+                self.scale[i] *= f;
+                for j in 0..n {
+                    self.a[i * n + j] /= f;
+                }
+                for j in 0..n {
+                    self.a[j * n + i] *= f;
+                }
+            }
+        }
     }
 }
 
@@ -169,6 +226,9 @@ mod tests {
         let mut r = [0.0; 4];
         e.of(&[0.0, -3.0, 3.0, 0.0], 0.7, &mut r);
         assert!((r[0] - 2.1f64.cos()).abs() < 1e-14 && (r[2] - 2.1f64.sin()).abs() < 1e-14);
+        e.of(&[-1.2, 1.2e13, 0.0, 0.0], 1e-4, &mut r);
+        let want = 1e13 * -(-1.2e-4f64).exp_m1();
+        assert!((r[1] / want - 1.0).abs() < 1e-13, "an input in large units: {} {want}", r[1]);
         e.of(&[-1e6, 0.0, 0.0, -1.0], 1.0, &mut r);
         assert!(r[0].abs() < 1e-30 && (r[3] - (-1.0f64).exp()).abs() < 1e-9);
     }

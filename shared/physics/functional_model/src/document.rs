@@ -20,6 +20,8 @@ pub(crate) struct Raw {
     pub tables: Vec<RawTable>,
     pub ports: Vec<(String, RawPort)>,
     pub states: Vec<RawState>,
+    /// Scalars a block computes for others to read, without power.
+    pub signals: Vec<(String, Text)>,
     pub locals: Vec<(String, Text)>,
     pub columns: Option<(Vec<Text>, Place)>,
     pub rows: Vec<(Text, Vec<Text>)>,
@@ -155,6 +157,7 @@ const MODEL_KEYS: &[&str] = &[
     "tables",
     "ports",
     "states",
+    "signals",
     "where",
     "columns",
     "rows",
@@ -293,6 +296,7 @@ impl Reader {
                     raw.states.push(state);
                 }
             }
+            "signals" => raw.signals = self.named(v, "signals"),
             "where" => raw.locals = self.named(v, "where"),
             "columns" => {
                 let columns = self.list(v, "columns").iter().map(|c| self.expression(c, "columns")).collect();

@@ -14,7 +14,7 @@ use crate::reduce::{Dae, ONE, TIME, column_of, of_column, rate_column_of, split_
 use crate::tables::Table;
 
 /// How often Newton may iterate.
-const ITERATIONS_MAX: usize = 20;
+const ITERATIONS_MAX: usize = 40;
 
 /// A partial derivative of a core equation along an argument.
 #[derive(Debug, Clone, Copy)]
@@ -358,7 +358,7 @@ impl Newton {
         }
     }
 
-    /// Solves for the core. On failure `core` keeps its values from before.
+    /// Solves for the core; `affine`: the Jacobian does not depend on it through these rows. On failure `core` keeps its values from before.
     pub fn solve(
         &mut self,
         kernel: &Kernel,
@@ -366,6 +366,7 @@ impl Newton {
         equations: &Rows,
         known: &[f64],
         core: &mut [f64],
+        affine: bool,
     ) -> Solve {
         let nc = core.len();
         if nc == 0 {
@@ -380,6 +381,7 @@ impl Newton {
         }
         let mut correction = f64::INFINITY;
         let mut last = f64::INFINITY;
+        let mut relax = 1.0;
         for iteration in 1..=ITERATIONS_MAX {
             for a in 0..args.count {
                 self.registers[a] = self.base[a] + dot(args.core_row(a), core);
@@ -395,12 +397,18 @@ impl Newton {
                 break;
             }
             self.lu.solve(&mut self.residual);
-            let relax = if iteration > 10 { 0.5 } else { 1.0 };
             correction = 0.0f64;
             for (c, d) in core.iter_mut().zip(&self.residual) {
-                let step = relax * d;
-                *c -= step;
-                correction = correction.max(step.abs() / (c.abs() + 1e-4));
+                correction = correction.max(d.abs() / (c.abs() + 1e-4));
+            }
+            // A correction that does not shrink jumps to and fro over a corner or a steep flank: shorter steps.
+            if iteration > 2 && correction > 0.9 * last && correction > 1e-6 {
+                relax = (0.5f64 * relax).max(1.0 / 64.0);
+            } else if iteration > 1 {
+                relax = (2.0f64 * relax).min(1.0);
+            }
+            for (c, d) in core.iter_mut().zip(&self.residual) {
+                *c -= relax * d;
             }
             if !correction.is_finite() {
                 break;
@@ -409,7 +417,7 @@ impl Newton {
             // longer shrinks is rounding in an ill-conditioned loop.
             let rounding = correction < 1e-6 && correction > 0.3 * last;
             last = correction;
-            if kernel.affine_in_core || correction < 1e-8 || rounding {
+            if affine || (relax == 1.0 && correction < 1e-8) || rounding {
                 return Solve { converged: true, iterations: iteration, correction };
             }
         }

@@ -11,7 +11,7 @@ mod flat;
 mod flatten;
 mod frames;
 mod instances;
-mod library;
+pub mod library;
 mod node;
 mod pool;
 mod syntax;

@@ -85,7 +85,7 @@ impl System {
         let mut core = self.start_core();
         let mut newton = Newton::new(k);
         let file = crate::error::Place { file: self.file.as_str().into(), line: 0 };
-        let solve = newton.solve(k, &k.args, &k.equations, &known, &mut core);
+        let solve = newton.solve(k, &k.args, &k.equations, &known, &mut core, k.affine_in_core);
         if !solve.converged {
             return Err(vec![file.error(
                 Rule::SingularLoop,

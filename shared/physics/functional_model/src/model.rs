@@ -169,6 +169,7 @@ impl System {
             &self.kernel.equations,
             &self.start_known(),
             &mut core,
+            self.kernel.affine_in_core,
         );
         if solve.converged {
             return Ok(());
