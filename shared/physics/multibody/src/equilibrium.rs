@@ -81,6 +81,8 @@ pub(crate) struct Equilibrium {
     rows: Vec<Row>,
     /// λ per row of the mechanism; 0 at drivers.
     lambda: Vec<f64>,
+    /// Balance rows are divided by, and multipliers counted in, this stiffness: entries of like size.
+    scale: f64,
     /// Length at which each carrier is locked; free (driver) where `None`. [m]
     lock: Vec<Option<f64>>,
 }
@@ -128,6 +130,7 @@ impl Equilibrium {
         let mut all = Self {
             rows: vec![Row::ZERO; mechanism.rows()],
             lambda: vec![0.0; mechanism.rows()],
+            scale: bushings.iter().fold(1.0, |m: f64, b| m.max(b.stiffness.amax())),
             lock: vec![None; carriers.len()],
             placed: design.iter().map(Placed::new).collect(),
             mechanism,
@@ -239,9 +242,10 @@ impl Equilibrium {
     }
 
     fn add(&mut self, row: usize, column: usize, block: &Matrix3<f64>) {
+        let inverse = 1.0 / self.scale;
         for r in 0..3 {
             for c in 0..3 {
-                self.matrix[(row + r) * self.order + column + c] += block[(r, c)];
+                self.matrix[(row + r) * self.order + column + c] += inverse * block[(r, c)];
             }
         }
     }
@@ -267,6 +271,7 @@ impl Equilibrium {
         self.assemble_bushings();
         self.assemble_torsion();
         let mut stiffness: Stiffness = [[0.0; 12]; 12];
+        let inverse = 1.0 / self.scale;
         for c in 0..self.multiplier.len() {
             let Some(m) = self.multiplier[c] else { continue };
             let constraint = &self.mechanism.constraints()[c];
@@ -282,7 +287,7 @@ impl Equilibrium {
                         let Some(from) = *from else { continue };
                         for l in 0..6 {
                             self.matrix[(to + k) * n + from + l] +=
-                                stiffness[6 * half + k][6 * half_from + l];
+                                inverse * stiffness[6 * half + k][6 * half_from + l];
                         }
                     }
                     for r in 0..count {
@@ -427,6 +432,8 @@ impl Equilibrium {
             if let Err(singular) = self.factor() {
                 return Err(failure(self, Reason::Singular, singular.0));
             }
+            let inverse = 1.0 / self.scale;
+            self.rhs[..self.bodies_order].iter_mut().for_each(|x| *x *= inverse);
             self.solve();
             iterations += 1;
             step =
@@ -444,7 +451,7 @@ impl Equilibrium {
                 let Some(m) = *m else { continue };
                 let first = self.mechanism.first_row(c);
                 for r in 0..self.mechanism.constraints()[c].kind.rows() {
-                    self.lambda[first + r] += self.rhs[m + r];
+                    self.lambda[first + r] += self.scale * self.rhs[m + r];
                 }
             }
         }
@@ -480,6 +487,7 @@ impl Equilibrium {
     /// As `velocity`, for other drivers at the same pose.
     pub fn velocity_again(&mut self, drives: &[Drive], twists: &mut [Twist]) {
         self.rhs.fill(0.0);
+        let inverse = 1.0 / self.scale;
         let mut stiffness: Stiffness = [[0.0; 12]; 12];
         for c in 0..self.multiplier.len() {
             let Some(m) = self.multiplier[c] else { continue };
@@ -503,7 +511,7 @@ impl Equilibrium {
                 if let Some(at) = self.column[other] {
                     for l in 0..6 {
                         for k in 0..6 {
-                            self.rhs[at + l] -= stiffness[6 * other_half + l][6 * half + k] * x[k];
+                            self.rhs[at + l] -= inverse * stiffness[6 * other_half + l][6 * half + k] * x[k];
                         }
                     }
                 }

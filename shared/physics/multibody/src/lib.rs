@@ -9,7 +9,9 @@
 
 pub mod body;
 pub mod constraint;
+pub mod dynamics;
 mod equilibrium;
+pub mod euler_form;
 pub mod failure;
 mod geometric;
 pub mod kinematics;

@@ -41,13 +41,54 @@ impl DenseLu {
     pub fn factor(&mut self) -> Result<(), SingularRow> {
         // One body of code; the orders of single bodies and pairs get loops of known length.
         match self.n {
-            6 => self.factor_of_order(6),
-            12 => self.factor_of_order(12),
+            6 => self.factor_fixed::<6>(),
+            12 => self.factor_fixed::<12>(),
             n => self.factor_of_order(n),
         }
     }
 
-    #[inline(always)]
+    /// As below, with a length that the compiler knows: no bounds to check.
+    fn factor_fixed<const N: usize>(&mut self) -> Result<(), SingularRow> {
+        let (rows, _) = self.lu.as_chunks_mut::<N>();
+        let (Ok(a), Ok(row_of)) =
+            (<&mut [[f64; N]; N]>::try_from(rows), <&mut [usize; N]>::try_from(&mut self.row_of[..]))
+        else {
+            return Err(SingularRow(0));
+        };
+        *row_of = std::array::from_fn(|k| k);
+        let mut odd = false;
+        let scale = a.as_flattened().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        for k in 0..N {
+            let mut best = k;
+            for i in k + 1..N {
+                if a[i][k].abs() > a[best][k].abs() {
+                    best = i;
+                }
+            }
+            let pivot = a[best][k];
+            // Negated so that NaN counts as singular.
+            if !(pivot.abs() > PIVOT_MIN * scale) {
+                return Err(SingularRow(row_of[best]));
+            }
+            if best != k {
+                a.swap(k, best);
+                row_of.swap(k, best);
+                odd = !odd;
+            }
+            let inverse = 1.0 / pivot;
+            let pivot_row = a[k];
+            for row in &mut a[k + 1..] {
+                let l = row[k] * inverse;
+                row[k] = l;
+                for c in k + 1..N {
+                    row[c] -= l * pivot_row[c];
+                }
+            }
+        }
+        self.odd = odd;
+        Ok(())
+    }
+
     fn factor_of_order(&mut self, n: usize) -> Result<(), SingularRow> {
         let lu = &mut self.lu[..n * n];
         let row_of = &mut self.row_of[..n];

@@ -14,10 +14,10 @@ use config::axle::Axle;
 use spatial::{Vector3, Wrench};
 
 use crate::body::{Pose, Twist};
-use crate::constraint::{Drive, Kind};
+use crate::constraint::{Drive, Kind, Row};
 use crate::equilibrium::Equilibrium;
 use crate::failure::{AssemblyError, Failure, Reason, Solved};
-use crate::mechanism::Description;
+use crate::mechanism::{Description, Mechanism};
 
 mod assemble;
 mod compliant;
@@ -59,6 +59,21 @@ pub struct SuspensionDescription {
     pub reaction: Description,
     /// Names of the bushings, if any.
     pub bushings: Vec<String>,
+}
+
+/// Stage 2 of the last good tick, for reports and checks.
+#[derive(Debug, Clone, Copy)]
+pub struct ForceStage<'a> {
+    /// Bodies and constraints.
+    pub mechanism: &'a Mechanism,
+    /// Poses of the bodies.
+    pub poses: &'a [Pose],
+    /// Φ and Jacobian per row.
+    pub rows: &'a [Row],
+    /// Applied loads per body: force in B, moment about the body's origin in the body's frame. [N, N m]
+    pub load: &'a [f64],
+    /// Multiplier per row; the constraint's force on its bodies is −Φ_qᵀλ.
+    pub lambda: &'a [f64],
 }
 
 /// A suspension: model, last pose, preallocated workspace.
@@ -207,6 +222,30 @@ impl Suspension {
             let left = mechanism.imbalance(self.solver.force_rows(), &self.lambda, &self.load);
             (left, self.load.iter().fold(0.0_f64, |m, x| m.max(x.abs())))
         })
+    }
+
+    /// The mechanism of the poses (stage 1) and the last good poses of its bodies.
+    #[must_use]
+    pub fn pose_stage(&self) -> (&Mechanism, &[Pose]) {
+        (self.solver.pose_mechanism(), &self.poses)
+    }
+
+    /// The mechanism of the forces (stage 2), as the last good tick left it.
+    #[must_use]
+    pub fn force_stage(&self) -> ForceStage<'_> {
+        ForceStage {
+            mechanism: self.solver.force_mechanism(),
+            poses: &self.force_poses,
+            rows: self.solver.force_rows(),
+            load: &self.load,
+            lambda: &self.lambda,
+        }
+    }
+
+    /// The drivers' values and rates at an input: rack stroke, then both wheel-centre heights.
+    #[must_use]
+    pub fn drives(&self, input: &SuspensionInput) -> [Drive; 3] {
+        drives(&self.sides, input)
     }
 
     /// Numbers in the state.
