@@ -53,13 +53,14 @@ impl Vehicle {
             || input.gear_mode == GearMode::Park
             || input.target_speed_m_s == Some(0.0);
         let stands = speed == 0.0 && braked;
+        let sense = if input.gear_mode == GearMode::Reverse { -1.0 } else { 1.0 };
         let keep = (-DAMPING_1_S * self.step_s).exp();
         let steps = (SETTLE_S / self.step_s) as usize;
         for _ in 0..steps {
             self.step(&input);
             let s = &mut self.state;
             if holds {
-                s.speed_integral -= (s.velocity.x - speed) * FOLLOW_1_S;
+                s.speed_integral -= sense * (s.velocity.x - speed) * FOLLOW_1_S;
             }
             s.position.z -= slope * (s.position.x + self.centre.x);
             s.position.x = -self.centre.x;

@@ -1,0 +1,10 @@
+//! The whole car: closed forms, independent models, limits, checkpoints.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
+
+mod analytic;
+mod frequency;
+mod measured;
+mod numerics;
+mod peers;
+mod robustness;
+mod support;

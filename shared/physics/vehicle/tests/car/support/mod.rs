@@ -1,0 +1,127 @@
+//! Cars for the tests: the shipped files, with constants in place of hardpoint files (the multibody solver that
+//! makes those maps is not a dependency of this crate).
+#![allow(dead_code)]
+
+use config::car::{Car, IdealKinematics};
+use std::path::{Path, PathBuf};
+use tyre::Tyre;
+use vehicle::{AxleKinematics, Vehicle, VehicleInput};
+
+/// Root of the workspace.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")
+}
+
+/// A reference file, or `None` with a note when it is not there (an error in CI).
+pub fn reference(path: &str) -> Option<String> {
+    let full = root().join("../shared/reference").join(path);
+    match std::fs::read_to_string(&full) {
+        Ok(text) => Some(text),
+        Err(e) => {
+            assert!(
+                std::env::var("CI").as_deref() != Ok("true"),
+                "missing reference {}: {e}",
+                full.display()
+            );
+            eprintln!("skipped: reference file {path} is missing");
+            None
+        }
+    }
+}
+
+/// A shipped car.
+pub fn car(name: &str) -> Car {
+    let path = root().join("schemas/cars").join(format!("{name}.toml"));
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    toml::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Constants near those of the double-wishbone front axle.
+pub fn front_constants() -> IdealKinematics {
+    IdealKinematics {
+        toe_in_rad: 0.0,
+        camber_rad: 0.0,
+        toe_in_per_travel_rad_m: 0.0,
+        camber_per_travel_rad_m: -0.35,
+        caster_per_travel_rad_m: 0.05,
+        roll_centre_height_m: 0.06,
+        forward_per_travel: 0.0,
+        steer_per_rack_rad_m: -7.3,
+        ackermann: 0.3,
+        caster_rad: 0.0938,
+        kingpin_inclination_rad: 0.1747,
+        kingpin_offset_m: 0.06,
+        caster_offset_m: -0.02,
+    }
+}
+
+/// Without hardpoint files.
+pub fn with_constants(mut car: Car) -> Car {
+    if car.front.axle_file.take().is_some() {
+        car.front.kinematics = Some(front_constants());
+    }
+    car
+}
+
+/// Text of a tyre file by the name in a car file.
+pub fn tyre_text(name: &str) -> String {
+    let path = root().join("schemas/tyres").join(name);
+    std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// The same with other values for keys that it has.
+pub fn with_keys(text: &str, keys: &[(&str, f64)]) -> String {
+    let mut found = vec![false; keys.len()];
+    let lines: Vec<String> = text
+        .lines()
+        .map(|line| {
+            let key = line.split('=').next().unwrap_or("").trim();
+            match keys.iter().position(|(k, _)| *k == key) {
+                Some(i) => {
+                    found[i] = true;
+                    format!("{key} = {}", keys[i].1)
+                }
+                None => line.to_owned(),
+            }
+        })
+        .collect();
+    assert!(found.iter().all(|f| *f), "keys not in the tyre file: {keys:?} {found:?}");
+    lines.join("\n")
+}
+
+/// A car with the tyre of a text on all wheels.
+pub fn build_on(car: &Car, tyre_text: &str) -> Vehicle {
+    let t = Tyre::from_tir(tyre_text, "test").unwrap_or_else(|e| panic!("{e:?}"));
+    Vehicle::new(car, maps(car), [t.clone(), t.clone(), t.clone(), t], 1e-3)
+        .unwrap_or_else(|e| panic!("{e:?}"))
+}
+
+/// A tyre by the name in a car file.
+pub fn tyre(name: &str) -> Tyre {
+    let path = root().join("schemas/tyres").join(name);
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    Tyre::from_tir(&text, name).unwrap_or_else(|e| panic!("{name}: {e:?}"))
+}
+
+pub fn maps(car: &Car) -> [AxleKinematics; 2] {
+    let axle = |a: &config::car::CarAxle| {
+        let k = a.kinematics.as_ref().expect("constants");
+        AxleKinematics::ideal(k, a, car.body.wheelbase_m, 0.1).expect("maps")
+    };
+    [axle(&car.front), axle(&car.rear)]
+}
+
+/// A car from its section, 1 ms steps.
+pub fn build(car: &Car) -> Vehicle {
+    build_with_step(car, 1e-3)
+}
+
+pub fn build_with_step(car: &Car, step_s: f64) -> Vehicle {
+    let (f, r) = (tyre(&car.front.tyre_file), tyre(&car.rear.tyre_file));
+    Vehicle::new(car, maps(car), [f.clone(), f, r.clone(), r], step_s).unwrap_or_else(|e| panic!("{e:?}"))
+}
+
+/// Input that holds a speed.
+pub fn hold(speed: f64) -> VehicleInput {
+    VehicleInput { target_speed_m_s: Some(speed), ..VehicleInput::default() }
+}
