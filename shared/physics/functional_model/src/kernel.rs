@@ -405,7 +405,7 @@ impl Newton {
             if iteration > 2 && correction > 0.9 * last && correction > 1e-6 {
                 relax = (0.5f64 * relax).max(1.0 / 64.0);
             } else if iteration > 1 {
-                relax = (2.0f64 * relax).min(1.0);
+                relax = (1.3f64 * relax).min(1.0);
             }
             for (c, d) in core.iter_mut().zip(&self.residual) {
                 *c -= relax * d;
@@ -417,7 +417,7 @@ impl Newton {
             // longer shrinks is rounding in an ill-conditioned loop.
             let rounding = correction < 1e-6 && correction > 0.3 * last;
             last = correction;
-            if affine || (relax == 1.0 && correction < 1e-8) || rounding {
+            if affine || correction < 1e-8 || rounding {
                 return Solve { converged: true, iterations: iteration, correction };
             }
         }

@@ -35,3 +35,7 @@ mod account;
 mod compiled;
 pub use account::Account;
 pub use compiled::{CompileOptions, Compiled, Method, STATE_LEN_MAX, StepStatus};
+mod causality;
+mod symbolic;
+pub use causality::{CausalityReport, PortCausality};
+pub use symbolic::{Symbolic, evaluate_symbolic};

@@ -62,8 +62,8 @@ fn drive(c: &mut Compiled, t: f64, dt: f64) -> functional_model::StepStatus {
     u[at(c, "vehicle_speed")] = 20.0;
     u[at(c, "hand.T")] = 3.0 * (2.0 * std::f64::consts::PI * 0.5 * t).sin();
     let x = c.output("rack_position").unwrap();
-    u[at(c, "left.fl")] = -2.0e4 * x + 40.0 * (60.0 * t).sin();
-    u[at(c, "right.fr")] = 2.0e4 * x + 40.0 * (55.0 * t).sin();
+    u[at(c, "left.fl")] = -6.0e4 * x + 40.0 * (60.0 * t).sin();
+    u[at(c, "right.fr")] = 6.0e4 * x + 40.0 * (55.0 * t).sin();
     c.step(&u, dt)
 }
 
@@ -102,15 +102,16 @@ fn turning_left_moves_the_rack_left_and_assist_helps() {
         let mut u = vec![0.0; c.input_names().len()];
         u[c.input_index("vehicle_speed").unwrap()] = 5.0;
         u[c.input_index("hand.T").unwrap()] = 3.0;
-        for _ in 0..3000 {
+        for _ in 0..20_000 {
             let x = c.output("rack_position").unwrap();
-            u[c.input_index("left.fl").unwrap()] = -1.5e4 * x;
-            u[c.input_index("right.fr").unwrap()] = 1.5e4 * x;
+            u[c.input_index("left.fl").unwrap()] = -6e4 * x;
+            u[c.input_index("right.fr").unwrap()] = 6e4 * x;
             c.step(&u, 1e-4);
         }
         let (x, torque) = (c.output("rack_position").unwrap(), c.output("torsion_torque").unwrap());
-        println!("{name}: 3 N m to the left for 0.3 s: rack {:.1} mm, torsion bar {torque:.2} N m", x * 1e3);
-        assert!(x > 1e-3, "{name}");
+        println!("{name}: 3 N m to the left for 2 s: rack {:.1} mm, torsion bar {torque:.2} N m", x * 1e3);
+        // Held still: the bar carries the driver's torque, less friction and what still moves.
+        assert!(x > 1e-3 && (torque - 3.0).abs() < 0.6, "{name}");
         assert!(c.output("left.vl").unwrap() == -c.output("right.vr").unwrap());
     }
 }
