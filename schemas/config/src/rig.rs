@@ -252,6 +252,8 @@ pub struct Switches {
     pub force_rate_feed_forward: bool,
     /// Valve opening corrected by load pressure.
     pub pressure_compensation: bool,
+    /// Valve gain learnt from the measured stroke.
+    pub gain_adaptation: bool,
 }
 
 /// What the controller believes of a hydraulic axis.
@@ -264,9 +266,15 @@ pub struct AxisModel {
     /// Force at which it stalls. [N], (0, 1e6]
     #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
     pub stall_force_n: f64,
-    /// Lag of the valve, as a delay: 2 ζ/ω. [s], [0, 0.05]
-    #[schemars(range(min = 0.0, max = 0.05))]
-    pub valve_lag_s: f64,
+    /// Natural frequency of the valve. [Hz], (0, 1000]
+    #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
+    pub valve_frequency_hz: f64,
+    /// Damping ratio of the valve. [-], (0, 5]
+    #[schemars(range(max = 5.0), extend("exclusiveMinimum" = 0.0))]
+    pub valve_damping_ratio: f64,
+    /// Natural frequency that the lead compensation gives the valve instead. [Hz], (0, 1000], at least the valve's own
+    #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
+    pub lead_frequency_hz: f64,
     /// Moving mass (horizontal: at the tip of the upper arm). [kg], [0, 2000]
     #[schemars(range(min = 0.0, max = 2000.0))]
     pub mass_kg: f64,
@@ -282,10 +290,13 @@ pub struct ForceLoop {
     /// Closed-loop bandwidth. [rad/s], (0, 1000]
     #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
     pub bandwidth_rad_s: f64,
-    /// Rate of the integral part. [rad/s], [0, 200]
+    /// Rate of the integral part (delay compensation off). [rad/s], [0, 200]
     #[schemars(range(min = 0.0, max = 200.0))]
     pub integral_rad_s: f64,
-    /// Time constant of the derivative part. [s], [0, 0.05]
+    /// Rate at which unexplained motion is observed. [rad/s], (0, 1000]
+    #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
+    pub observer_rad_s: f64,
+    /// Time constant of the derivative part (delay compensation off). [s], [0, 0.05]
     #[schemars(range(min = 0.0, max = 0.05))]
     pub derivative_s: f64,
     /// Bandwidth of the tracker that gives the commanded force's rate. [rad/s], (0, 2000]
@@ -493,6 +504,17 @@ impl Check for Rig {
                     "must stay within 0.8 of geometry.lower_arm_m = {lower} m (the linkage locks beyond)"
                 ),
             );
+        });
+        c.within("control", |c| {
+            for (key, axis) in
+                [("horizontal", &self.control.horizontal), ("vertical", &self.control.vertical)]
+            {
+                c.require(
+                    axis.lead_frequency_hz >= axis.valve_frequency_hz,
+                    &format!("{key}.lead_frequency_hz"),
+                    format!("must be at least valve_frequency_hz = {} Hz", axis.valve_frequency_hz),
+                );
+            }
         });
         c.within("limits", |c| {
             let (l, s) = (&self.limits, &self.sensors);

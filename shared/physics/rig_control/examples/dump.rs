@@ -11,8 +11,16 @@ fn main() {
         let [a, b] = &t.sides;
         println!(
             "{:.3},{:.2},{:.2},{:.2},{:.2},{:.2},{:.2},{:.6},{:.6},{:.6}",
-            t.time_s[i], a.command_n[i], a.reading_n[i], a.true_n[i], b.command_n[i], b.reading_n[i], b.true_n[i],
-            t.steer_error_rad[i], a.height_command_m[i], a.height_reading_m[i]
+            t.time_s[i],
+            a.command_n[i],
+            a.reading_n[i],
+            a.true_n[i],
+            b.command_n[i],
+            b.reading_n[i],
+            b.true_n[i],
+            t.steer_error_rad[i],
+            a.height_command_m[i],
+            a.height_reading_m[i]
         );
     }
 }
@@ -28,7 +36,10 @@ fn load() -> (config::rig::Rig, config::unit::SteeringUnit) {
         for part in key.split('.') {
             at = at.get_mut(part).expect("known key");
         }
-        *at = toml::Value::Float(value.parse().expect("number"));
+        *at = match value.parse() {
+            Ok(number) => toml::Value::Float(number),
+            Err(_) => toml::Value::Boolean(value == "true"),
+        };
     }
     (rig.try_into().expect("rig"), toml::from_str(&read("units/column_eps.toml")).expect("unit"))
 }

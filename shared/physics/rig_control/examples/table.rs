@@ -14,12 +14,26 @@ fn main() {
             let s = &r.sides;
             println!(
                 "  {:32} max {:5.2} rms {:5.2} | max {:5.2} rms {:5.2}  ratio {:4.2} {:4.2} {:4.2} {:4.2}  true rms {:4.2} {:4.2} amp {:6.0} {:6.0} lag {:5.2} {:5.2} est {:5.2} h {:5.2} ms steer {:.4} E {:6.3} W sat {}",
-                m.name, f[0], f[1], f[2], f[3],
-                f[0] / p[0], f[1] / p[1], f[2] / p[2], f[3] / p[3],
-                s[0].true_rms_percent, s[1].true_rms_percent,
-                s[0].amplitude_n, s[1].amplitude_n,
-                1e3 * s[0].force_lag_s, 1e3 * s[1].force_lag_s, 1e3 * s[0].estimated_lag_s, 1e3 * s[0].height_lag_s,
-                r.steer_error_rad, r.energy_w, r.saturated_ticks
+                m.name,
+                f[0],
+                f[1],
+                f[2],
+                f[3],
+                f[0] / p[0],
+                f[1] / p[1],
+                f[2] / p[2],
+                f[3] / p[3],
+                s[0].true_rms_percent,
+                s[1].true_rms_percent,
+                s[0].amplitude_n,
+                s[1].amplitude_n,
+                1e3 * s[0].force_lag_s,
+                1e3 * s[1].force_lag_s,
+                1e3 * s[0].estimated_lag_s,
+                1e3 * s[0].height_lag_s,
+                r.steer_error_rad,
+                r.energy_w,
+                r.saturated_ticks
             );
         }
     };
@@ -39,13 +53,14 @@ fn main() {
     ] {
         show(label, &nominal.clone().with_plant(g, k, d));
     }
-    let off: [(&str, fn(&mut config::rig::Switches)); 6] = [
+    let off: [(&str, fn(&mut config::rig::Switches)); 7] = [
         ("without force conversion", |s| s.force_conversion = false),
         ("without rack feed-forward", |s| s.rack_feed_forward = false),
         ("without inertia feed-forward", |s| s.inertia_feed_forward = false),
         ("without delay compensation", |s| s.delay_compensation = false),
         ("without force-rate feed-forward", |s| s.force_rate_feed_forward = false),
         ("without pressure compensation", |s| s.pressure_compensation = false),
+        ("without gain adaptation", |s| s.gain_adaptation = false),
     ];
     for (label, change) in off {
         let mut study = nominal.clone();
@@ -68,7 +83,10 @@ fn load() -> (config::rig::Rig, config::unit::SteeringUnit) {
         for part in key.split('.') {
             at = at.get_mut(part).expect("known key");
         }
-        *at = toml::Value::Float(value.parse().expect("number"));
+        *at = match value.parse() {
+            Ok(number) => toml::Value::Float(number),
+            Err(_) => toml::Value::Boolean(value == "true"),
+        };
     }
     (rig.try_into().expect("rig"), toml::from_str(&read("units/column_eps.toml")).expect("unit"))
 }

@@ -8,13 +8,13 @@ use crate::delay::DelayEstimate;
 use crate::energy::EnergyAccount;
 use crate::force::{ForceInput, ForceLoop};
 use crate::height::HeightLoop;
-use crate::hub::HubObserver;
-use crate::rack::RackObserver;
+use crate::hub::{HubObserver, HubState};
+use crate::rack::{RackObserver, SteerReference};
 use crate::steer::SteerLoop;
 use config::rig::{Rig, SteerDevice, Switches};
 use config::unit::SteeringUnit;
 use config::{Broken, Check, Checker};
-use core::f64::consts::TAU;
+use rig_plant::linkage::{ArmPose, RodPose};
 use rig_plant::state::{StateReader, StateWriter};
 use rig_plant::{Actuation, Channel, Linkage, Measurement};
 
@@ -67,7 +67,6 @@ impl RigController {
         }
         let c = &rig.control;
         let force = ForceLoop::new(c, period_s);
-        let ratio = unit.rack_travel_m_per_rev / TAU;
         let steer = &rig.plant.steer;
         Ok(Self {
             linkage: Linkage::new(&rig.geometry),
@@ -85,7 +84,7 @@ impl RigController {
                 c.command_delay_s + c.steer.torque_lag_s + c.measurement_delay_s,
                 period_s,
             ),
-            rack: RackObserver::new(ratio, c.force.rack_observer_rad_s, period_s),
+            rack: RackObserver::new(unit, c, period_s),
             energy: EnergyAccount::new(period_s),
             delay: [DelayEstimate::new(period_s), DelayEstimate::new(period_s)],
             readings: [0.0; Channel::COUNT],
@@ -125,19 +124,18 @@ impl RigController {
         let steer = self.faded_steer(&command, &m);
 
         self.hub.step(m.steering_wheel_angle_rad, m.steering_wheel_torque_n_m);
-        self.rack.step(self.hub.measured().rate_rad_s, m.rack_displacement_m);
-        let rack_ahead = self.rack_velocity_ahead(&command, &steer);
+        let poses = self.poses(&m);
+        let rods: f64 =
+            (0..2).map(|side| [1.0, -1.0][side] * poses[side].1.direction[1] * m.tie_rod_force_n[side]).sum();
+        let hub_rate = self.hub.measured().rate_rad_s;
+        let (torque, assist) = (m.torsion_bar_torque_n_m, m.assist_torque_n_m);
+        self.rack.step(hub_rate, m.rack_displacement_m, torque, assist, rods);
+        let rack_ahead = self.rack_velocity_ahead(&command, &steer, rods);
 
         let mut error_on_rack = 0.0;
         for side in 0..2 {
             let sign = [1.0, -1.0][side];
-            let (stroke, lift, rack) = if self.switches.force_conversion {
-                (m.horizontal_stroke_m[side], m.vertical_stroke_m[side], self.rack.displacement_m())
-            } else {
-                (0.0, 0.0, 0.0)
-            };
-            let arm = self.linkage.arm_at_stroke(stroke);
-            let rod = self.linkage.rod(&arm, lift, sign * rack);
+            let (arm, rod) = poses[side];
 
             let active = true;
             out.vertical_valve[side] = self.height[side].step(
@@ -155,6 +153,7 @@ impl RigController {
                 command_n: command.tie_rod_force_n[side] * fade.force,
                 tie_rod_n: m.tie_rod_force_n[side],
                 actuator_n: m.actuator_force_n[side],
+                stroke_m: m.horizontal_stroke_m[side],
                 elongation_per_stroke: self.linkage.elongation_per_stroke(&arm, &rod),
                 per_tip: rod.per_tip,
                 outer_motion_m_s: rod.direction[2] * lift_rate - reach * rack_ahead,
@@ -291,23 +290,45 @@ impl RigController {
         }
     }
 
-    fn rack_velocity_ahead(&self, command: &RigCommand, steer: &SteerCommand) -> f64 {
+    /// Arms and rods as measured, or at rest without force conversion.
+    fn poses(&self, m: &Measurement) -> [(ArmPose, RodPose); 2] {
+        core::array::from_fn(|side| {
+            let (stroke, lift, rack) = if self.switches.force_conversion {
+                (m.horizontal_stroke_m[side], m.vertical_stroke_m[side], self.rack.displacement_m())
+            } else {
+                (0.0, 0.0, 0.0)
+            };
+            let arm = self.linkage.arm_at_stroke(stroke);
+            let rod = self.linkage.rod(&arm, lift, [1.0, -1.0][side] * rack);
+            (arm, rod)
+        })
+    }
+
+    fn rack_velocity_ahead(&self, command: &RigCommand, steer: &SteerCommand, rods_n: f64) -> f64 {
         if !self.switches.rack_feed_forward {
             return 0.0;
         }
-        let ahead = self.switches.delay_compensation;
-        let rate = match steer {
-            SteerCommand::Angle { rate_rad_s, .. } if self.has_actuator && command.fade.steer >= 1.0 => {
-                if command.preview.valid && ahead {
-                    command.preview.rate_rad_s
+        if !self.switches.delay_compensation {
+            return self.rack.velocity_m_s();
+        }
+        let preview = &command.preview;
+        let reference = match *steer {
+            SteerCommand::Angle { angle_rad, rate_rad_s }
+                if self.has_actuator && command.fade.steer >= 1.0 =>
+            {
+                let now = HubState { angle_rad, rate_rad_s };
+                let lead = self.preview_lead_s();
+                let then = if preview.valid {
+                    HubState { angle_rad: preview.angle_rad, rate_rad_s: preview.rate_rad_s }
                 } else {
-                    *rate_rad_s
-                }
+                    HubState { angle_rad: angle_rad + lead * rate_rad_s, rate_rad_s }
+                };
+                Some(SteerReference { now, then })
             }
-            _ if ahead => self.hub.ahead(self.preview_lead_s() + self.measurement_delay_s).rate_rad_s,
-            _ => self.hub.measured().rate_rad_s,
+            _ => None,
         };
-        self.rack.velocity_ahead_m_s(rate)
+        let horizon = self.lead_s + self.measurement_delay_s;
+        self.rack.velocity_ahead_m_s(&self.hub, reference.as_ref(), rods_n, horizon)
     }
 
     /// Length of the flat state.
@@ -325,7 +346,7 @@ impl RigController {
             + EnergyAccount::STATE
             + 2 * DelayEstimate::STATE
             + Channel::COUNT
-            + 6
+            + 7
             + 9
             + 6
             + 6
@@ -352,6 +373,7 @@ impl RigController {
             s.delay_compensation,
             s.force_rate_feed_forward,
             s.pressure_compensation,
+            s.gain_adaptation,
         ] {
             w.put(f64::from(u8::from(on)));
         }
@@ -388,7 +410,7 @@ impl RigController {
         self.rack.load(&mut r);
         self.energy.load(&mut r);
         r.take_all(&mut self.readings);
-        let on: [f64; 6] = r.take_array();
+        let on: [f64; 7] = r.take_array();
         self.switches = Switches {
             force_conversion: on[0] != 0.0,
             rack_feed_forward: on[1] != 0.0,
@@ -396,6 +418,7 @@ impl RigController {
             delay_compensation: on[3] != 0.0,
             force_rate_feed_forward: on[4] != 0.0,
             pressure_compensation: on[5] != 0.0,
+            gain_adaptation: on[6] != 0.0,
         };
         let h = &mut self.held;
         r.take_all(&mut h.tie_rod_force_n);

@@ -9,12 +9,13 @@
 //!
 //! all for the instant at which the valve will have reacted. The predictor (finite spectrum assignment
 //! [Manitius & Olbrot 1979], here for an integrator) adds to the observed force what is still on its way; the
-//! valve's lag 2ζ/ω counts as delay (thesis 5.1.1-3). With delay compensation off the loop is a plain PID on
+//! valve is led, and what lag is left counts as delay (thesis 5.1.1-3). With delay compensation off the loop is a plain PID on
 //! the present error. Feedback: the cylinder's cell converted by the geometry, less the force that accelerates
 //! arm and column, above the crossover frequency; the tie rod's own cell below it (thesis 5.1.1-1).
 
 use crate::history::History;
 use crate::tracker::ParabolaTracker;
+use crate::valve::ValveLead;
 use config::rig::{Control, Switches};
 use rig_plant::state::{StateReader, StateWriter};
 
@@ -27,6 +28,8 @@ pub struct ForceInput {
     pub tie_rod_n: f64,
     /// Reading of the cylinder's cell. [N]
     pub actuator_n: f64,
+    /// Reading of the cylinder's stroke. [m]
+    pub stroke_m: f64,
     /// Elongation per stroke. [-]
     pub elongation_per_stroke: f64,
     /// Elongation per metre of the upper arm's tip. [-]
@@ -46,12 +49,14 @@ pub struct ForceLoop {
     command: ParabolaTracker,
     trim_n: f64,
     net: History,
-    tip: History,
+    stroke: History,
+    gain_fit: GainFit,
     tip_filtered: f64,
     acceleration: f64,
     observed_n: f64,
     disturbance_m_s: f64,
     integral_m_s: f64,
+    lead: ValveLead,
     valve: f64,
     last_feedback_n: f64,
     rate_filtered: f64,
@@ -64,7 +69,8 @@ pub struct ForceLoop {
 impl ForceLoop {
     /// A loop at rest.
     pub fn new(control: &Control, period_s: f64) -> Self {
-        let input_delay_s = control.command_delay_s + control.horizontal.valve_lag_s;
+        let lead = ValveLead::new(&control.horizontal, period_s);
+        let input_delay_s = control.command_delay_s + lead.lag_s();
         let total = input_delay_s + control.measurement_delay_s;
         Self {
             period_s,
@@ -72,12 +78,14 @@ impl ForceLoop {
             command: ParabolaTracker::new(control.force.command_tracker_rad_s, period_s),
             trim_n: 0.0,
             net: History::new(total, period_s),
-            tip: History::new(total, period_s),
+            stroke: History::new(total, period_s),
+            gain_fit: GainFit::new(period_s),
             tip_filtered: 0.0,
             acceleration: 0.0,
             observed_n: 0.0,
             disturbance_m_s: 0.0,
             integral_m_s: 0.0,
+            lead,
             valve: 0.0,
             last_feedback_n: 0.0,
             rate_filtered: 0.0,
@@ -119,7 +127,9 @@ impl ForceLoop {
         self.command.step(i.command_n);
 
         // Feedback.
-        let tip_velocity = self.tip.arrived();
+        let arrived_stroke = self.stroke.arrived();
+        self.gain_fit.step(i.stroke_m, arrived_stroke * t);
+        let tip_velocity = self.gain_fit.gain() * arrived_stroke * i.elongation_per_stroke / i.per_tip;
         let low = t * 100.0 / (1.0 + t * 100.0);
         let before = self.tip_filtered;
         self.tip_filtered += low * (tip_velocity - self.tip_filtered);
@@ -136,7 +146,7 @@ impl ForceLoop {
 
         // Observer of force and unexplained velocity, at the instant of the measurement.
         let arrived = self.net.arrived();
-        let p = (-w_c * 0.5 * t).exp();
+        let p = (-c.force.observer_rad_s * t).exp();
         let predicted = self.observed_n + t * k * (arrived + self.disturbance_m_s);
         let residual = feedback - predicted;
         self.observed_n = predicted + (1.0 - p * p) * residual;
@@ -174,37 +184,44 @@ impl ForceLoop {
         let axis = &c.horizontal;
         let load = (i.actuator_n / axis.stall_force_n * stroke_velocity.signum()).clamp(-0.9, 0.9);
         let flow = if switches.pressure_compensation { (1.0 - load).sqrt() } else { 1.0 };
-        let mut valve = if i.active { stroke_velocity / (axis.no_load_speed_m_s * flow) } else { 0.0 };
-        self.saturated = valve.abs() > 1.0;
-        valve = valve.clamp(-1.0, 1.0);
+        let learnt = if switches.gain_adaptation { self.gain_fit.gain() } else { 1.0 };
+        let full_speed = axis.no_load_speed_m_s * flow * learnt;
+        let mut opening = if i.active { stroke_velocity / full_speed } else { 0.0 };
+        self.saturated = opening.abs() > 1.0;
+        opening = opening.clamp(-1.0, 1.0);
         let slew = axis.valve_rate_limit_1_s * t;
-        let limited = valve.clamp(self.valve - slew, self.valve + slew);
-        self.rate_limited = limited != valve;
+        let limited = opening.clamp(self.valve - slew, self.valve + slew);
+        self.rate_limited = limited != opening;
         self.valve = limited;
+        let led = self.lead.step(limited);
+        let command = if switches.delay_compensation { led.clamp(-1.0, 1.0) } else { limited };
 
         // What was really asked for, for predictor and observer (anti-windup).
-        let got = limited * axis.no_load_speed_m_s * flow;
+        let got = limited * full_speed;
         let net_got = got * i.elongation_per_stroke + i.outer_motion_m_s;
         self.net.push(if i.active { net_got } else { 0.0 });
-        self.tip.push(got * i.elongation_per_stroke / i.per_tip);
+        // The fit compares with what the unlearnt model promises.
+        self.stroke.push(got / learnt);
         if !i.active {
             self.disturbance_m_s = 0.0;
             self.integral_m_s = 0.0;
             self.observed_n = feedback;
         }
-        limited
+        command
     }
 
     /// Length of the flat state.
     pub fn state_len(&self) -> usize {
-        3 + self.net.state_len() + self.tip.state_len() + 11
+        3 + self.net.state_len() + self.stroke.state_len() + GainFit::STATE + ValveLead::STATE + 11
     }
 
     /// Writes the state.
     pub fn save(&self, w: &mut StateWriter) {
         self.command.save(w);
         self.net.save(w);
-        self.tip.save(w);
+        self.stroke.save(w);
+        self.gain_fit.save(w);
+        self.lead.save(w);
         w.put_all(&[
             self.trim_n,
             self.tip_filtered,
@@ -224,7 +241,9 @@ impl ForceLoop {
     pub fn load(&mut self, r: &mut StateReader) {
         self.command.load(r);
         self.net.load(r);
-        self.tip.load(r);
+        self.stroke.load(r);
+        self.gain_fit.load(r);
+        self.lead.load(r);
         [
             self.trim_n,
             self.tip_filtered,
@@ -238,5 +257,60 @@ impl ForceLoop {
         ] = r.take_array();
         self.saturated = r.take() != 0.0;
         self.rate_limited = r.take() != 0.0;
+    }
+}
+
+/// Valve gain over the believed one, by least squares of measured stroke steps on promised ones.
+#[derive(Debug, Clone)]
+struct GainFit {
+    forget: f64,
+    low: f64,
+    cross: f64,
+    power: f64,
+    last_stroke: f64,
+    /// Stroke step and promise, both low-passed: the valve does not follow the loop's noise. [m]
+    slow: [f64; 2],
+    started: bool,
+}
+
+impl GainFit {
+    const STATE: usize = 6;
+    /// Weight of the belief, as squared stroke steps. [m²]
+    const BELIEF_M2: f64 = 1e-8;
+
+    /// Forgets over five seconds.
+    fn new(period_s: f64) -> Self {
+        let low = 1.0 - (-30.0 * period_s).exp();
+        let forget = (-period_s / 5.0).exp();
+        Self { forget, low, cross: 0.0, power: 0.0, last_stroke: 0.0, slow: [0.0; 2], started: false }
+    }
+
+    fn step(&mut self, stroke_m: f64, promised_m: f64) {
+        if self.started {
+            let step = stroke_m - self.last_stroke;
+            for (slow, now) in self.slow.iter_mut().zip([step, promised_m]) {
+                *slow += self.low * (now - *slow);
+            }
+            let [step, promised] = self.slow;
+            self.cross = self.forget * self.cross + step * promised;
+            self.power = self.forget * self.power + promised * promised;
+        }
+        self.last_stroke = stroke_m;
+        self.started = true;
+    }
+
+    fn gain(&self) -> f64 {
+        ((self.cross + Self::BELIEF_M2) / (self.power + Self::BELIEF_M2)).clamp(0.5, 2.0)
+    }
+
+    fn save(&self, w: &mut StateWriter) {
+        w.put_all(&[self.cross, self.power, self.last_stroke, f64::from(u8::from(self.started))]);
+        w.put_all(&self.slow);
+    }
+
+    fn load(&mut self, r: &mut StateReader) {
+        [self.cross, self.power, self.last_stroke] = r.take_array();
+        self.started = r.take() != 0.0;
+        self.slow = r.take_array();
     }
 }

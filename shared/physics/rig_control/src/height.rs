@@ -6,6 +6,7 @@
 
 use crate::history::History;
 use crate::tracker::RampTracker;
+use crate::valve::ValveLead;
 use config::rig::{Control, Switches};
 use rig_plant::state::{StateReader, StateWriter};
 
@@ -18,6 +19,7 @@ pub struct HeightLoop {
     velocity: RampTracker,
     sent: History,
     integral_m_s: f64,
+    lead: ValveLead,
     valve: f64,
     /// Velocity that was asked for last. [m/s]
     pub velocity_m_s: f64,
@@ -30,13 +32,15 @@ pub struct HeightLoop {
 impl HeightLoop {
     /// A loop at rest.
     pub fn new(control: &Control, period_s: f64) -> Self {
-        let input_delay_s = control.command_delay_s + control.vertical.valve_lag_s;
+        let lead = ValveLead::new(&control.vertical, period_s);
+        let input_delay_s = control.command_delay_s + lead.lag_s();
         Self {
             period_s,
             input_delay_s,
             velocity: RampTracker::new(120.0, period_s),
             sent: History::new(input_delay_s + control.measurement_delay_s, period_s),
             integral_m_s: 0.0,
+            lead,
             valve: 0.0,
             velocity_m_s: 0.0,
             saturated: false,
@@ -84,18 +88,20 @@ impl HeightLoop {
         // The integral part holds the axis against leakage; it moves nothing.
         let moving = if active { self.velocity_m_s - self.integral_m_s } else { 0.0 };
         self.sent.push(moving);
-        limited
+        let led = self.lead.step(limited);
+        if switches.delay_compensation { led.clamp(-1.0, 1.0) } else { limited }
     }
 
     /// Length of the flat state.
     pub fn state_len(&self) -> usize {
-        2 + self.sent.state_len() + 5
+        2 + self.sent.state_len() + ValveLead::STATE + 5
     }
 
     /// Writes the state.
     pub fn save(&self, w: &mut StateWriter) {
         self.velocity.save(w);
         self.sent.save(w);
+        self.lead.save(w);
         w.put_all(&[
             self.integral_m_s,
             self.valve,
@@ -109,6 +115,7 @@ impl HeightLoop {
     pub fn load(&mut self, r: &mut StateReader) {
         self.velocity.load(r);
         self.sent.load(r);
+        self.lead.load(r);
         [self.integral_m_s, self.valve, self.velocity_m_s] = r.take_array();
         self.saturated = r.take() != 0.0;
         self.rate_limited = r.take() != 0.0;

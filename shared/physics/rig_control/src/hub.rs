@@ -87,9 +87,7 @@ impl HubObserver {
                     rate_rad_s: self.driven.rate + gain,
                 }
             }
-            None => {
-                HubState { angle_rad: self.free.ahead(lead_s), rate_rad_s: self.free.rate_ahead(lead_s) }
-            }
+            None => HubState { angle_rad: self.free.ahead(lead_s), rate_rad_s: self.free.rate_ahead(lead_s) },
         }
     }
 

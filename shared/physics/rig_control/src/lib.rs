@@ -5,7 +5,6 @@
 
 pub mod command;
 pub mod controller;
-pub mod study;
 pub mod delay;
 pub mod energy;
 pub mod force;
@@ -14,7 +13,9 @@ pub mod history;
 pub mod hub;
 pub mod rack;
 pub mod steer;
+pub mod study;
 pub mod tracker;
+pub mod valve;
 
 pub use command::{ControlDiagnostics, Fade, RigCommand, SteerCommand, SteerPreview};
 pub use controller::RigController;

@@ -106,7 +106,9 @@ impl Manoeuvre {
                 // Quarter-period ramps at both ends.
                 let ramp_s = 0.25 / self.frequency_hz;
                 let left = self.end_s() - time_s;
-                let edge = |x: f64| (0.5 - 0.5 * (PI * x / ramp_s).cos(), 0.5 * PI / ramp_s * (PI * x / ramp_s).sin());
+                let edge = |x: f64| {
+                    (0.5 - 0.5 * (PI * x / ramp_s).cos(), 0.5 * PI / ramp_s * (PI * x / ramp_s).sin())
+                };
                 let (gain, gain_rate) = if t < ramp_s {
                     edge(t)
                 } else if left < ramp_s {
@@ -302,7 +304,10 @@ impl Study {
         let mut plant = VirtualRig::new(&self.rig, &self.unit, self.seed, period_s)?;
         let mut control = RigController::new(&self.control_rig, &self.unit, period_s)?;
         control.set_switches(self.switches);
-        plant.set_environment(&RigEnvironment { vehicle_speed_m_s: manoeuvre.speed_m_s, ..Default::default() });
+        plant.set_environment(&RigEnvironment {
+            vehicle_speed_m_s: manoeuvre.speed_m_s,
+            ..Default::default()
+        });
         let mut load = Load::new(manoeuvre.speed_m_s);
         let (mut m, mut act, mut diag) =
             (Measurement::default(), Actuation::default(), ControlDiagnostics::default());
@@ -448,12 +453,19 @@ pub fn lag(reference: &[f64], signal: &[f64], period_s: f64) -> f64 {
         return 0.0;
     }
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-    let (mr, ms) = (mean(&reference[..n]), mean(&signal[..n]));
-    // Same stretch of the reference for every shift.
+    // Normalised, so that a signal that grows over the window does not pull the peak.
+    let middle = &reference[REACH..n - REACH];
+    let mr = mean(middle);
     let at = |shift: isize| {
-        (REACH..n - REACH)
-            .map(|i| (reference[i] - mr) * (signal[(i as isize + shift) as usize] - ms))
-            .sum::<f64>()
+        let from = (REACH as isize + shift) as usize;
+        let moved = &signal[from..from + middle.len()];
+        let ms = mean(moved);
+        let (mut cross, mut power) = (0.0, 0.0);
+        for (r, s) in middle.iter().zip(moved) {
+            cross += (r - mr) * (s - ms);
+            power += (s - ms) * (s - ms);
+        }
+        cross / power.max(f64::MIN_POSITIVE).sqrt()
     };
     let reach = REACH as isize;
     let (mut best, mut peak) = (0, f64::MIN);
