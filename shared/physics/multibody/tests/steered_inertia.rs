@@ -121,9 +121,9 @@ fn the_inertia_left_out_is_that_of_the_table() {
     assert!((40.0..65.0).contains(&own), "{own}");
     assert!((own - with_drivers).abs() < 0.2 * own);
 
-    // Gyroscopic moment of the spinning wheel, −ω × H, in a 1 Hz lane change at 120 km/h: the wheel's spin 1.2 kg m² at
-    // 111 rad/s, while the body rolls and the wheel cambers with about 3 deg at 1 Hz.
-    let camber_rate = 3.0_f64.to_radians() * std::f64::consts::TAU;
+    // Gyroscopic moment of the spinning wheel, −ω × H, in a 1 Hz lane change at 120 km/h: spin inertia 1.2 kg m² at
+    // 111 rad/s, the wheel's camber to the road swinging by 0.7 deg at 1 Hz.
+    let camber_rate = 0.7_f64.to_radians() * std::f64::consts::TAU;
     let spin = Vector3::new(0.0, 1.2 * (120.0 / 3.6 / 0.3), 0.0);
     let gyroscopic = -Vector3::new(camber_rate, 0.0, 0.0).cross(&spin);
     let mut load = vec![0.0; n];
@@ -133,6 +133,6 @@ fn the_inertia_left_out_is_that_of_the_table() {
     let about_kingpin = gyroscopic.dot(&d).abs();
     let rod = tie(&load);
     println!("gyroscopic moment: {about_kingpin:.1} N m about the kingpin, tie rod {rod:.0} N");
-    assert!((5.0..50.0).contains(&about_kingpin), "{about_kingpin}");
+    assert!((8.0..12.0).contains(&about_kingpin), "{about_kingpin}");
     assert!(rod > own);
 }
