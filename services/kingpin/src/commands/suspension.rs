@@ -97,14 +97,14 @@ fn describe(args: &SuspensionDescribeArgs) -> Result<Exit, Wrong> {
     let mut listed = Vec::new();
     let mut totals = vec![vec!["model".to_owned(), "coordinates".to_owned(), "equations".to_owned()]];
     for (variant, model) in models(&args.axle, &axle)? {
-        let stages: &[_] = if model.bushings.is_empty() {
-            &[("kinematic", &model.kinematic), ("reaction", &model.reaction)]
+        // With bushings, one equilibrium is both stages.
+        let stages = if model.bushings.is_empty() {
+            vec![("kinematic", &model.kinematic), ("reaction", &model.reaction)]
         } else {
-            // One equilibrium is both stages.
-            &[("with bushings", &model.kinematic)]
+            vec![("with bushings", &model.kinematic)]
         };
         for (stage, what) in stages {
-            let name = [axle.name.as_str(), variant, stage].iter().filter(|s| !s.is_empty()).copied();
+            let name = [axle.name.as_str(), variant, stage].into_iter().filter(|s| !s.is_empty());
             let name = name.collect::<Vec<_>>().join(", ");
             totals.push(vec![name.clone(), what.coordinates.to_string(), what.rows.to_string()]);
             lines.push(format!("{name}\n  bodies: {}", what.bodies.join(", ")));
@@ -115,7 +115,8 @@ fn describe(args: &SuspensionDescribeArgs) -> Result<Exit, Wrong> {
                 rows.push(vec![format!("  {}", c.rows), c.kind.to_owned(), c.name.clone(), between]);
             }
             lines.push(output::columns(&rows).trim_end().to_owned());
-            let sums = what.by_kind().into_iter().map(|(kind, count, rows)| format!("{kind} {count} ({rows})"));
+            let sums =
+                what.by_kind().into_iter().map(|(kind, count, rows)| format!("{kind} {count} ({rows})"));
             lines.push(format!("  in all: {}", sums.collect::<Vec<_>>().join(", ")));
             lines.push(format!("  {} equations for {} coordinates\n", what.rows, what.coordinates));
             let constraints = what.constraints.iter().map(|c| {

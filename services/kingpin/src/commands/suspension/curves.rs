@@ -8,8 +8,8 @@ use crate::args::SuspensionCurvesArgs;
 use crate::commands::log::write_whole;
 use crate::exit::Exit;
 use crate::output;
-use multibody::methods::{Alignment, Curve, Over, SweptPose, curve, kinematics_map};
 use multibody::SuspensionOutput;
+use multibody::methods::{Alignment, Curve, Over, SweptPose, curve, kinematics_map};
 
 /// Grid of the two-dimensional map.
 const MAP_TRAVELS: u32 = 33;
@@ -36,8 +36,8 @@ pub fn curves(args: &SuspensionCurvesArgs) -> Result<Exit, Wrong> {
     let assembled = |error| format!("{}: {error}", args.axle);
     let travels = curve(&axle, Over::Travel, &spread(args.travel, args.points)).map_err(assembled)?;
     let racks = curve(&axle, Over::Rack, &spread(rack, args.points)).map_err(assembled)?;
-    let (map, design) =
-        kinematics_map(&axle, &spread(args.travel, MAP_TRAVELS), &spread(rack, MAP_RACKS)).map_err(assembled)?;
+    let (map, design) = kinematics_map(&axle, &spread(args.travel, MAP_TRAVELS), &spread(rack, MAP_RACKS))
+        .map_err(assembled)?;
     let mut missing = 0;
     for (what, curve) in [("wheel travel", &travels), ("rack", &racks)] {
         let lost = args.points as usize - curve.points.len();
@@ -54,13 +54,15 @@ pub fn curves(args: &SuspensionCurvesArgs) -> Result<Exit, Wrong> {
     }
     let unreached = map.iter().filter(|p| p.pose.is_none()).count();
     if unreached > 0 {
-        output::note(format!("{}: kinematics map: {unreached} of {} poses out of reach", args.axle, map.len()));
+        output::note(format!(
+            "{}: kinematics map: {unreached} of {} poses out of reach",
+            args.axle,
+            map.len()
+        ));
     }
     std::fs::create_dir_all(&args.output).map_err(|e| format!("{}: {e}", args.output.display()))?;
     let file = |name: &str| args.output.join(name);
-    for (name, at, curve) in
-        [("travel.csv", "wheel_travel_m", &travels), ("rack.csv", "rack_m", &racks)]
-    {
+    for (name, at, curve) in [("travel.csv", "wheel_travel_m", &travels), ("rack.csv", "rack_m", &racks)] {
         let (header, rows) = curve_table(at, curve);
         write_whole(&file(name), |to| write_csv(to, &header, rows.into_iter()))?;
     }
@@ -94,9 +96,20 @@ fn curve_table(at: &str, curve: &Curve) -> (Vec<String>, Vec<Vec<String>>) {
 /// The vehicle's map: pose of each knuckle, kingpin axis, alignment. Poses out of reach have empty fields.
 fn map_table(map: &[SweptPose], design: &SuspensionOutput) -> (Vec<String>, Vec<Vec<String>>) {
     const POSE: [&str; 14] = [
-        "wheel_centre_x_m", "wheel_centre_y_m", "wheel_centre_z_m", "q0", "q1", "q2", "q3", "steer_rad",
-        "kingpin_lower_x_m", "kingpin_lower_y_m", "kingpin_lower_z_m", "kingpin_upper_x_m",
-        "kingpin_upper_y_m", "kingpin_upper_z_m",
+        "wheel_centre_x_m",
+        "wheel_centre_y_m",
+        "wheel_centre_z_m",
+        "q0",
+        "q1",
+        "q2",
+        "q3",
+        "steer_rad",
+        "kingpin_lower_x_m",
+        "kingpin_lower_y_m",
+        "kingpin_lower_z_m",
+        "kingpin_upper_x_m",
+        "kingpin_upper_y_m",
+        "kingpin_upper_z_m",
     ];
     let mut header = vec!["wheel_travel_m".to_owned(), "rack_m".to_owned()];
     for side in SIDES {
@@ -140,7 +153,11 @@ fn page(name: &str, travels: &Curve, racks: &Curve) -> String {
             let scale = if angle { 180.0 / std::f64::consts::PI } else { 1e3 };
             let unit = if angle { "°" } else { "mm" };
             let mut figure = Figure::new(&format!("{title} over {over}"), &format!("{over} in mm"), unit);
-            let mut slope = Figure::new(&format!("{title}: change per mm of {over}"), &format!("{over} in mm"), &format!("{unit}/mm"));
+            let mut slope = Figure::new(
+                &format!("{title}: change per mm of {over}"),
+                &format!("{over} in mm"),
+                &format!("{unit}/mm"),
+            );
             for (k, side) in ["left", "right"].iter().enumerate() {
                 let value: Vec<f64> = curve.points.iter().map(|p| scale * p.side[k].to_array()[c]).collect();
                 let change: Vec<f64> = curve.points.iter().map(|p| scale * p.per_mm[k][c]).collect();

@@ -71,7 +71,9 @@ pub fn read(path: &Path, driven: bool, further: impl Fn(&str) -> bool) -> Result
     let place = |line: u64, field: usize| character_column(&lines, line, field);
 
     let Some(header) = records.next() else {
-        return Err(violation(Mistake::Syntax, 0, 0, "", "", "is empty: needs a header line".to_owned()).to_string());
+        return Err(
+            violation(Mistake::Syntax, 0, 0, "", "", "is empty: needs a header line".to_owned()).to_string()
+        );
     };
     let header = header.map_err(|e| format!("{name}: {e}"))?;
     let header_line = header.position().map_or(1, csv::Position::line);
@@ -212,7 +214,9 @@ mod tests {
 
     #[test]
     fn rows_are_read_and_other_columns_are_not() {
-        let rows = read_bytes("\u{feff}zR, zL,rack,word,Myk_R,tie_L\r\n3,2,1,any,7.5,-4\r\n\r\n0,0,1e-3,,0,5\n").unwrap();
+        let rows =
+            read_bytes("\u{feff}zR, zL,rack,word,Myk_R,tie_L\r\n3,2,1,any,7.5,-4\r\n\r\n0,0,1e-3,,0,5\n")
+                .unwrap();
         let first = &rows.rows[0];
         assert_eq!((first.input.rack_m, first.input.wheel_height_m), (1.0, [2.0, 3.0]));
         assert_eq!(first.input.wheel_moment_n_m[1].y, 7.5);

@@ -75,8 +75,7 @@ pub fn html(title: &str, about: &str, tables: &[Table], figures: &[Figure]) -> S
     page += "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; \
              script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:\">\n";
     page += &format!("<title>{}</title><style>{STYLE}</style></head><body>\n", escaped(title));
-    page +=
-        &format!("<header><h1>{}</h1><p>{}</p></header><main>\n", escaped(title), escaped(about));
+    page += &format!("<header><h1>{}</h1><p>{}</p></header><main>\n", escaped(title), escaped(about));
     for table in tables {
         page += &format!("<h2>{}</h2><table>\n", escaped(&table.title));
         for (r, row) in table.rows.iter().enumerate() {
