@@ -1,7 +1,8 @@
 //! The numeric heart of a composed model. All variables are affine in what is known and in the core unknowns c:
 //!     known = [x, u, m, t, 1]   (states, inputs, sampled variables, time, one)
 //! and c solves  R_known known + R_core c + n(args) = 0  with the non-linear parts n of the core equations as
-//! functions of a few affine arguments. Newton's method on c; one solve when n is affine in c.
+//! functions of a few affine arguments. Newton's method on c, damped by the natural
+//! monotonicity test (Deuflhard 2004, Newton Methods for Nonlinear Problems, 3.3); one solve when n is affine in c.
 
 use std::collections::HashMap;
 
@@ -14,7 +15,9 @@ use crate::reduce::{Dae, ONE, TIME, column_of, of_column, rate_column_of, split_
 use crate::tables::Table;
 
 /// How often Newton may iterate.
-const ITERATIONS_MAX: usize = 40;
+const ITERATIONS_MAX: usize = 25;
+/// How often one step of Newton may be halved.
+const HALVINGS_MAX: usize = 10;
 
 /// A partial derivative of a core equation along an argument.
 #[derive(Debug, Clone, Copy)]
@@ -325,6 +328,8 @@ pub(crate) struct Newton {
     pub lu: Lu,
     pub residual: Vec<f64>,
     before: Vec<f64>,
+    delta: Vec<f64>,
+    trial: Vec<f64>,
 }
 
 impl Newton {
@@ -337,6 +342,25 @@ impl Newton {
             lu: Lu::new(nc),
             residual: vec![0.0; nc],
             before: vec![0.0; nc],
+            delta: vec![0.0; nc],
+            trial: vec![0.0; nc],
+        }
+    }
+
+    /// Registers and residual at the trial point.
+    fn evaluate(&mut self, kernel: &Kernel, args: &Rows, equations: &Rows) {
+        for a in 0..args.count {
+            self.registers[a] = self.base[a] + dot(args.core_row(a), &self.trial);
+        }
+        kernel.program.run(&mut self.registers, &kernel.tables);
+        self.residual_from_registers(kernel, equations);
+    }
+
+    fn residual_from_registers(&mut self, kernel: &Kernel, equations: &Rows) {
+        for i in 0..self.residual.len() {
+            self.residual[i] = self.base_equation[i]
+                + dot(equations.core_row(i), &self.trial)
+                + kernel.program.output(&self.registers, i);
         }
     }
 
@@ -379,47 +403,60 @@ impl Newton {
         for i in 0..nc {
             self.base_equation[i] = dot(equations.known_row(i), known);
         }
-        let mut correction = f64::INFINITY;
-        let mut last = f64::INFINITY;
-        let mut relax = 1.0;
+        let size = |d: &[f64], c: &[f64]| {
+            d.iter().zip(c).fold(0.0f64, |m, (d, c)| {
+                if d.is_finite() { m.max(d.abs() / (c.abs() + 1e-4)) } else { f64::NAN }
+            })
+        };
+        let mut correction = f64::NAN;
+        self.trial.copy_from_slice(core);
+        self.evaluate(kernel, args, equations);
         for iteration in 1..=ITERATIONS_MAX {
-            for a in 0..args.count {
-                self.registers[a] = self.base[a] + dot(args.core_row(a), core);
-            }
-            kernel.program.run(&mut self.registers, &kernel.tables);
-            for i in 0..nc {
-                self.residual[i] = self.base_equation[i]
-                    + dot(equations.core_row(i), core)
-                    + kernel.program.output(&self.registers, i);
-            }
             self.jacobian(kernel, args, equations);
             if !self.lu.factor() {
                 break;
             }
-            self.lu.solve(&mut self.residual);
-            correction = 0.0f64;
-            for (c, d) in core.iter_mut().zip(&self.residual) {
-                correction = correction.max(d.abs() / (c.abs() + 1e-4));
-            }
-            // A correction that does not shrink jumps to and fro over a corner or a steep flank: shorter steps.
-            if iteration > 2 && correction > 0.9 * last && correction > 1e-6 {
-                relax = (0.5f64 * relax).max(1.0 / 64.0);
-            } else if iteration > 1 {
-                relax = (1.3f64 * relax).min(1.0);
-            }
-            for (c, d) in core.iter_mut().zip(&self.residual) {
-                *c -= relax * d;
-            }
-            if !correction.is_finite() {
+            self.delta.copy_from_slice(&self.residual);
+            self.lu.solve(&mut self.delta);
+            correction = size(&self.delta, core);
+            if correction.is_nan() {
                 break;
             }
-            // Quadratic convergence: a correction of 1e-8 leaves an error near 1e-16. A small correction that no
-            // longer shrinks is rounding in an ill-conditioned loop.
-            let rounding = correction < 1e-6 && correction > 0.3 * last;
-            last = correction;
-            if affine || correction < 1e-8 || rounding {
+            // Quadratic convergence: a correction of 1e-8 leaves an error near 1e-16.
+            if affine || correction < 1e-8 {
+                for (c, d) in core.iter_mut().zip(&self.delta) {
+                    *c -= d;
+                }
                 return Solve { converged: true, iterations: iteration, correction };
             }
+            // Natural monotonicity: the next correction with the same Jacobian must shrink; otherwise a shorter step.
+            let mut lambda = 1.0;
+            let mut next = f64::NAN;
+            for _ in 0..HALVINGS_MAX {
+                for k in 0..nc {
+                    self.trial[k] = core[k] - lambda * self.delta[k];
+                }
+                self.evaluate(kernel, args, equations);
+                self.lu.solve(&mut self.residual);
+                next = size(&self.residual, core);
+                if next <= (1.0 - 0.25 * lambda) * correction {
+                    break;
+                }
+                lambda *= 0.5;
+            }
+            core.copy_from_slice(&self.trial);
+            let rounding = correction < 1e-6 && next > 0.3 * correction;
+            if rounding && lambda < 1.0 {
+                return Solve { converged: true, iterations: iteration, correction };
+            }
+            if lambda == 1.0 && (next < 1e-11 || rounding) {
+                for (c, d) in core.iter_mut().zip(&self.residual) {
+                    *c -= d;
+                }
+                return Solve { converged: true, iterations: iteration, correction: next };
+            }
+            // The registers hold the trial point; its residual was overwritten by the simplified correction.
+            self.residual_from_registers(kernel, equations);
         }
         core.copy_from_slice(&self.before);
         Solve { converged: false, iterations: ITERATIONS_MAX, correction }
