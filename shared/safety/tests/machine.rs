@@ -1,5 +1,5 @@
 //! Every trip, with its reaction in ticks; holding and resuming; what never reaches the plant.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 use config::rig::Rig;
 use config::unit::SteeringUnit;

@@ -1,5 +1,5 @@
 //! The virtual rig against closed forms and its own finer steps.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 use config::rig::{Rig, SteerDevice};
 use config::unit::{Assist, SteeringUnit};
