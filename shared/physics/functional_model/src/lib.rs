@@ -39,3 +39,4 @@ mod causality;
 mod symbolic;
 pub use causality::{CausalityReport, PortCausality};
 pub use symbolic::{Symbolic, evaluate_symbolic};
+mod diagram;

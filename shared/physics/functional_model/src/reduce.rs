@@ -261,6 +261,17 @@ fn constraints(
             errors.push(place.error(Rule::SingularLoop, labels, format!("these equations {what}")));
             continue;
         }
+        let stored = row
+            .iter()
+            .any(|e| of_column(e.0).is_some_and(|(v, _)| flat.variables[v as usize].kind == Kind::State));
+        if !stored {
+            errors.push(place.error(
+                Rule::SingularLoop,
+                labels,
+                "this loop of equations has no unique solution: its unknowns cancel and only what is given from outside remains",
+            ));
+            continue;
+        }
         for (c, _) in row {
             if let Some((v, _)) = of_column(*c) {
                 let variable = &flat.variables[v as usize];

@@ -75,7 +75,12 @@ fn steering_units_keep_power_and_energy() {
         let mut iterations = 0;
         for k in 0..20_000 {
             let s = drive(&mut c, f64::from(k) * 1e-4, 1e-4);
-            assert!(!s.not_converged && !s.state_held, "{name} at step {k}: {s:?} {:?} {:?}", c.state_names(), c.states());
+            assert!(
+                !s.not_converged && !s.state_held,
+                "{name} at step {k}: {s:?} {:?} {:?}",
+                c.state_names(),
+                c.states()
+            );
             iterations += s.iterations;
             let a = c.account().unwrap();
             worst = worst.max(a.worst_residual());
