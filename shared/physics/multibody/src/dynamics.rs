@@ -188,7 +188,7 @@ impl Dynamics {
     /// Accelerations for poses and velocities; multipliers stay in the workspace.
     fn accelerate(&mut self, poses: &[Pose], twists: &[Twist], out: &mut [Twist]) -> Result<(), Failure> {
         self.factor(poses)?;
-        self.mechanism.acceleration_right_side(poses, twists, &[Drive::default(); 0], &mut self.gamma);
+        self.mechanism.acceleration_right_side(poses, twists, &[], &mut self.gamma);
         for (b, body) in self.mechanism.bodies().iter().enumerate() {
             let Some(at) = self.column[b] else { continue };
             let w = twists[b].omega;

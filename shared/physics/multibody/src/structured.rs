@@ -19,19 +19,21 @@ use crate::mechanism::Mechanism;
 /// Largest set of bodies that is looked for; what is larger goes to the general path.
 const BLOCK_BODIES_MAX: usize = 3;
 
+/// A block's constraint, its first row, its rows, and the block-local first column of bodies i and j.
+type Member = (usize, usize, usize, Option<usize>, Option<usize>);
+
 /// Bodies placed together, and the constraints that place them.
 #[derive(Debug, Clone)]
 struct Block {
     bodies: Vec<usize>,
-    /// Constraint, its first row, rows, and the block-local first column of bodies i and j.
-    constraints: Vec<(usize, usize, usize, Option<usize>, Option<usize>)>,
+    constraints: Vec<Member>,
     lu: DenseLu,
     rhs: Vec<f64>,
     design_positive: bool,
     factored: bool,
 }
 
-/// A body that a driver slides along a guide on a placed body: closed form.
+/// A body that a driver slides along a guide on a fixed body: closed form.
 #[derive(Debug, Clone)]
 struct Slide {
     body: usize,
@@ -192,8 +194,8 @@ impl Structured {
                     lambda[first..first + 6].copy_from_slice(&load[6 * *body..6 * *body + 6]);
                 }
                 Part::Slide(slide) => {
-                    // Guide rows turn with the base only; refilling is cheap and needs no special case.
-                    slide.block.reactions(mechanism, rows, load, lambda)?;
+                    // The guide is on a fixed body and does not turn: its factors are those of design.
+                    slide.block.pass_on(mechanism, rows, load, lambda);
                 }
                 Part::Block(block) => block.reactions(mechanism, rows, load, lambda)?,
             }
@@ -205,7 +207,14 @@ impl Structured {
         for (placed, pose) in self.placed.iter_mut().zip(poses) {
             *placed = Placed::new(pose);
         }
-        self.mechanism.evaluate_placed(&self.placed, drives, &mut self.rows);
+        // The rows of fixed and sliding bodies are those of design: their Jacobians are constant.
+        for part in &self.parts {
+            let Part::Block(block) = part else { continue };
+            for &(c, first, count, _, _) in &block.constraints {
+                let rows = &mut self.rows[first..first + count];
+                self.mechanism.constraints()[c].evaluate(&self.placed, drives, rows);
+            }
+        }
     }
 }
 
@@ -374,6 +383,12 @@ impl Block {
             residual: 0.0,
         })?;
         self.factored = false;
+        self.pass_on(mechanism, rows, load, lambda);
+        Ok(())
+    }
+
+    /// λ of this block with the factors at hand, and what its constraints leave to bodies of earlier parts.
+    fn pass_on(&mut self, mechanism: &Mechanism, rows: &[Row], load: &mut [f64], lambda: &mut [f64]) {
         for (&body, x) in self.bodies.iter().zip(self.rhs.chunks_exact_mut(6)) {
             x.copy_from_slice(&load[6 * body..6 * body + 6]);
         }
@@ -382,7 +397,6 @@ impl Block {
         for &(c, first, count, on_i, on_j) in &self.constraints {
             lambda[first..first + count].copy_from_slice(&self.rhs[at..at + count]);
             at += count;
-            // What the constraint leaves to bodies of earlier parts.
             let constraint = &mechanism.constraints()[c];
             for (body, own, offset) in [(constraint.i, on_i, 0), (constraint.j, on_j, 6)] {
                 if own.is_some() || (offset == 0 && constraint.kind.is_absolute()) {
@@ -395,7 +409,6 @@ impl Block {
                 }
             }
         }
-        Ok(())
     }
 }
 
@@ -451,7 +464,8 @@ impl Search<'_> {
             let Kind::Translational { on_i, .. } = &g.kind else { continue };
             for (drive, d) in all.iter().enumerate() {
                 let Kind::TranslationalDriver { on_i: axis, driver, s_j } = &d.kind else { continue };
-                let same = (d.i, d.j) == (g.i, g.j) && self.placed[g.i] && !self.placed[g.j];
+                let fixed = self.parts.iter().any(|p| matches!(p, Part::Fixed { body, .. } if *body == g.i));
+                let same = (d.i, d.j) == (g.i, g.j) && fixed && !self.placed[g.j];
                 if !same || (axis.h() - on_i.h()).norm() > 1e-12 {
                     continue;
                 }

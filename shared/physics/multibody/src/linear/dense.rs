@@ -138,13 +138,54 @@ impl DenseLu {
     /// x ← A⁻¹ x.
     pub fn solve(&mut self, x: &mut [f64]) {
         match self.n {
-            6 => self.solve_of_order(6, x),
-            12 => self.solve_of_order(12, x),
+            6 => self.solve_fixed::<6>(x),
+            12 => self.solve_fixed::<12>(x),
             n => self.solve_of_order(n, x),
         }
     }
 
-    #[inline(always)]
+    /// The factors and the order of rows with a length that the compiler knows.
+    fn fixed<const N: usize>(&self) -> Option<(&[[f64; N]; N], &[usize; N])> {
+        let (rows, _) = self.lu.as_chunks::<N>();
+        Some((rows.try_into().ok()?, self.row_of[..].try_into().ok()?))
+    }
+
+    fn solve_fixed<const N: usize>(&self, x: &mut [f64]) {
+        let Some((a, row_of)) = self.fixed::<N>() else { return };
+        let mut y: [f64; N] = std::array::from_fn(|k| x[row_of[k]]);
+        for k in 1..N {
+            for c in 0..k {
+                y[k] -= a[k][c] * y[c];
+            }
+        }
+        for k in (0..N).rev() {
+            for c in k + 1..N {
+                y[k] -= a[k][c] * y[c];
+            }
+            y[k] /= a[k][k];
+        }
+        x[..N].copy_from_slice(&y);
+    }
+
+    fn solve_transposed_fixed<const N: usize>(&self, x: &mut [f64]) {
+        let Some((a, row_of)) = self.fixed::<N>() else { return };
+        let mut y: [f64; N] = std::array::from_fn(|k| x[k]);
+        for k in 0..N {
+            y[k] /= a[k][k];
+            for c in k + 1..N {
+                y[c] -= a[k][c] * y[k];
+            }
+        }
+        for k in (0..N).rev() {
+            for c in 0..k {
+                y[c] -= a[k][c] * y[k];
+            }
+        }
+        for k in 0..N {
+            x[row_of[k]] = y[k];
+        }
+    }
+
     fn solve_of_order(&mut self, n: usize, x: &mut [f64]) {
         let (lu, work, row_of) = (&self.lu[..n * n], &mut self.work[..n], &self.row_of[..n]);
         for k in 0..n {
@@ -170,13 +211,12 @@ impl DenseLu {
     /// x ← A⁻ᵀ x.
     pub fn solve_transposed(&mut self, x: &mut [f64]) {
         match self.n {
-            6 => self.solve_transposed_of_order(6, x),
-            12 => self.solve_transposed_of_order(12, x),
+            6 => self.solve_transposed_fixed::<6>(x),
+            12 => self.solve_transposed_fixed::<12>(x),
             n => self.solve_transposed_of_order(n, x),
         }
     }
 
-    #[inline(always)]
     fn solve_transposed_of_order(&mut self, n: usize, x: &mut [f64]) {
         let (lu, work, row_of) = (&self.lu[..n * n], &mut self.work[..n], &self.row_of[..n]);
         work.copy_from_slice(&x[..n]);
