@@ -2,7 +2,8 @@
 //!
 //! Reading order: [`Vehicle`] (`vehicle`), what goes in and out (`io`), then its parts: kinematics maps
 //! (`kinematics`), wheel stations and contacts (`station`), equations of motion (`chassis`), suspension forces
-//! (`suspension`), `driveline`, `brakes`, `aerodynamics`, `steering`, `speed_control`, start (`settle`).
+//! (`suspension`), `driveline`, `brakes`, `aerodynamics`, `steering`, `speed_control`, start (`settle`), named variables and
+//! imports (`variables`), runs from tables (`simulate`).
 //! Axes ISO 8855, SI units. Sees configuration and tyres only: no file, no clock, no heap in a step.
 
 mod aerodynamics;
@@ -14,15 +15,19 @@ mod io;
 pub mod kinematics;
 mod outputs;
 mod settle;
+mod simulate;
 mod speed_control;
 mod state;
 mod station;
 mod steering;
 mod suspension;
+mod variables;
 mod vehicle;
 
 pub use io::{GearMode, RoadContact, VehicleInput, VehicleOutput, WHEELS, WheelOutput};
 pub use kinematics::{
     AxleKinematics, Grid, KingpinAxis, KnuckleMap, KnucklePose, KnuckleSample, knuckle_matrix,
 };
+pub use simulate::{SimulateError, simulate_csv};
+pub use variables::{ExportId, Exports, ImportId, ImportMode, Imports, Variable};
 pub use vehicle::{GRAVITY_M_S2, Vehicle};

@@ -21,6 +21,7 @@ use crate::state::State;
 use crate::station::{Contact, Motion, Station};
 use crate::steering::Steering;
 use crate::suspension::Suspension;
+use crate::variables::{Imports, wheel, whole};
 use config::car::Car;
 use config::{Broken, Check};
 use nalgebra::{Matrix3, Vector3};
@@ -64,6 +65,7 @@ pub struct Vehicle {
     pub(crate) accelerometer: Vector3<f64>,
     pub(crate) design_height_m: f64,
     pub(crate) state: State,
+    imports: Imports,
     pub(crate) output: VehicleOutput,
 }
 
@@ -172,6 +174,7 @@ impl Vehicle {
             design,
             kinematics,
             state: State::zero(),
+            imports: Imports::default(),
             output: VehicleOutput::default(),
         };
         vehicle.reset(0.0, &VehicleInput::default());
@@ -198,7 +201,7 @@ impl Vehicle {
 
     /// Puts another tyre on a wheel, mirrored to its side; its transient state stays.
     pub fn set_tyre(&mut self, wheel: usize, tyre: &Tyre) {
-        let side = if wheel % 2 == 0 { Side::Left } else { Side::Right };
+        let side = if wheel.is_multiple_of(2) { Side::Left } else { Side::Right };
         self.tyres[wheel] = tyre.on_side(side);
     }
 
@@ -206,6 +209,11 @@ impl Vehicle {
     #[must_use]
     pub fn output(&self) -> &VehicleOutput {
         &self.output
+    }
+
+    /// The imports in force, to set or clear.
+    pub fn imports_mut(&mut self) -> &mut Imports {
+        &mut self.imports
     }
 
     /// Numbers in a saved state.
@@ -250,7 +258,17 @@ impl Vehicle {
         } else {
             self.state.held += 1;
         }
-        let input = self.state.input;
+        let mut input = self.state.input;
+        if self.imports.active() {
+            let i = &self.imports;
+            input.steering_wheel_angle_rad = i.car(whole::STEERING_WHEEL, input.steering_wheel_angle_rad);
+            input.rack_displacement_m = match input.rack_displacement_m {
+                Some(rack) => Some(i.car(whole::RACK, rack)),
+                None => i.replacement(whole::RACK),
+            };
+            input.throttle = i.car(whole::THROTTLE, input.throttle);
+            input.brake_pressure_pa = i.car(whole::BRAKE, input.brake_pressure_pa);
+        }
         let control = self.control(&input);
         let mut found = None;
         for k in 0..self.sub_steps {
@@ -360,7 +378,15 @@ impl Vehicle {
         // Wheels on the road.
         let stations: [Station; WHEELS] = std::array::from_fn(|i| {
             let map = &self.kinematics[i / 2].sides[i % 2];
-            Station::new(map, &self.design[i], s.travel[i], s.travel_rate[i], &s.deflection[i], &motion)
+            let mut deflection = s.deflection[i];
+            if self.imports.active() {
+                let value = map.pose(s.travel[i], motion.rack).value;
+                for (k, place) in [(0, wheel::STEER), (1, wheel::INCLINATION)] {
+                    let angle = value[k] + deflection[k];
+                    deflection[k] += self.imports.wheel(i, place, angle) - angle;
+                }
+            }
+            Station::new(map, &self.design[i], s.travel[i], s.travel_rate[i], &deflection, &motion)
         });
         let contacts: [Contact; WHEELS] = std::array::from_fn(|i| {
             let road = &input.road[i];
@@ -384,8 +410,10 @@ impl Vehicle {
             let deflection = tyre.free_radius_m(spin) - contact.radius_m;
             let [fx, fy] = s.tyre_force[i];
             let fz = tyre.vertical_force_n(deflection, contact.closing_m_s, spin, fx, fy, pressure);
+            let fz = self.imports.wheel(i, wheel::FZ, fz).max(0.0);
+            let friction = self.imports.wheel(i, wheel::FRICTION, input.road[i].friction);
             let rolling = tyre.effective_rolling_radius_m(fz, spin, pressure);
-            let f = tyre.transient_step(
+            let mut f = tyre.transient_step(
                 &mut s.tyre[i],
                 &tyre::Motion {
                     vertical_load_n: fz,
@@ -395,11 +423,18 @@ impl Vehicle {
                     spin_rate_rad_s: contact.turn_rad_s,
                     camber_rad: contact.inclination_rad,
                     pressure_pa: pressure,
-                    friction_scale: [input.road[i].friction.clamp(FRICTION_MIN, 2.0); 2],
+                    friction_scale: [friction.clamp(FRICTION_MIN, 2.0); 2],
                 },
                 self.mode,
                 h,
             );
+            if self.imports.active() {
+                f.fx_n = self.imports.wheel(i, wheel::FX, f.fx_n);
+                f.fy_n = self.imports.wheel(i, wheel::FY, f.fy_n);
+                f.mx_n_m = self.imports.wheel(i, wheel::MX, f.mx_n_m);
+                f.my_n_m = self.imports.wheel(i, wheel::MY, f.my_n_m);
+                f.mz_n_m = self.imports.wheel(i, wheel::MZ, f.mz_n_m);
+            }
             s.tyre_force[i] = [f.fx_n, f.fy_n];
             let on_wheel = contact.x * f.fx_n + contact.y * f.fy_n + contact.n * fz;
             let couple = contact.x * f.mx_n_m + contact.y * f.my_n_m + contact.n * f.mz_n_m;
@@ -413,7 +448,10 @@ impl Vehicle {
 
         // Spins: tyres, engine, differentials, brakes.
         self.brakes.advance(&mut s.brake_pressure, control.master_pa);
-        let capacity = self.brakes.capacity_n_m(&s.brake_pressure, control.hand_brake);
+        let mut capacity = self.brakes.capacity_n_m(&s.brake_pressure, control.hand_brake);
+        for (i, torque) in capacity.iter_mut().enumerate() {
+            *torque = self.imports.wheel(i, wheel::BRAKE, *torque).max(0.0);
+        }
         let spins = self.driveline.advance(
             &mut s.driveline,
             &mut s.spin,
@@ -440,9 +478,11 @@ impl Vehicle {
                 force: forces[i],
                 moment: moments[i] - stations[i].s * spins.brake_n_m[i],
                 spin: s.spin[i],
-                suspension: suspension.spring_n(side, s.travel[i])
-                    + damper
-                    + if side == 0 { bar } else { -bar },
+                suspension: self.imports.wheel(
+                    i,
+                    wheel::SUSPENSION,
+                    suspension.spring_n(side, s.travel[i]) + damper + if side == 0 { bar } else { -bar },
+                ),
                 damping,
             }
         });
@@ -450,8 +490,10 @@ impl Vehicle {
         // Air.
         let wind = to_body * Vector3::new(input.wind_m_s[0], input.wind_m_s[1], 0.0);
         let (air_force, air_moment) = self.aerodynamics.wrench(&(motion.v - wind));
-        force += air_force;
-        moment += air_moment;
+        for k in 0..3 {
+            force[k] += self.imports.car(whole::FORCE + k, air_force[k]);
+            moment[k] += self.imports.car(whole::MOMENT + k, air_moment[k]);
+        }
 
         // Motion.
         let acc =

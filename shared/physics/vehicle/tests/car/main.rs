@@ -8,3 +8,4 @@ mod numerics;
 mod peers;
 mod robustness;
 mod support;
+mod tables;

@@ -11,13 +11,15 @@
 //! - axles that stay upright: their unsprung masses do not lean with the body. Ours do (independent suspension),
 //!   so here their mass is in the body and the roll centre so high that their load transfer passes the springs.
 //!
-//! Not switched: they take slip angles from the lateral velocity at the height of the sprung centre of gravity, not at
-//! the contact, and have a lateral spring and damper between body and axle.
+//! - slip angles from the lateral velocity at the height of the sprung centre of gravity, not at the contact: here an
+//!   import adds h p/V to the steer of all wheels.
+//!
+//! Not switched: their lateral spring and damper between body and axle.
 
 use crate::support::*;
 use config::car::Car;
 use tyre::Tyre;
-use vehicle::{Vehicle, VehicleInput};
+use vehicle::{ImportMode, Imports, Vehicle, VehicleInput};
 
 struct Table {
     names: Vec<String>,
@@ -145,6 +147,7 @@ fn compare(name: &str, file: &str, k_lt: f64, their_sign: bool) -> Option<Errors
     let mut sums = [0.0; 4];
     let mut count = 0.0;
     let mut signs = [1.0; 4];
+    let steers = ["fl", "fr", "rl", "rr"].map(|w| Imports::find(&format!("steer_rad_{w}")).unwrap());
     let rows = table.rows.len();
     let mut seconds = 0.0;
     for n in 1..rows {
@@ -159,6 +162,14 @@ fn compare(name: &str, file: &str, k_lt: f64, their_sign: bool) -> Option<Errors
                         signs[i] = -signs[i];
                         car.set_tyre(i, if signs[i] > 0.0 { &plus } else { &minus });
                     }
+                }
+            }
+            if their_sign {
+                // They leave out the sideways motion of the contacts by roll.
+                let o = car.output();
+                let extra = section.body.sprung_cg_height_m * o.angular_velocity_rad_s[0] / o.velocity_m_s[0];
+                for id in &steers {
+                    car.imports_mut().set(*id, ImportMode::Add, extra);
                 }
             }
             car.step(&input);
@@ -225,22 +236,24 @@ fn commonroad_cars_below_six_tenths_of_g() {
         ("bmw_320i", 1.6430724599974725e-05),
         ("vw_vanagon", 1.2231329122034703e-05),
     ];
-    // Bounds by kind of manoeuvre: [lateral acceleration, yaw rate, roll, loads], rms of the peak. Largest where roll
-    // moves fast: their slip angles lack the roll rate's part at the contact.
+    // Bounds by kind of manoeuvre: [lateral acceleration, yaw rate, roll, loads], rms of the peak. The goal of 3 % is met
+    // in quasi-steady turning and for the loads. Beyond it: steps of the Escort (nearly neutral, so that a small
+    // difference of the axles' forces grows), and where their car hunts about straight ahead by up to 0.3 m/s2 because
+    // its tyres step at zero camber, which no two models do in step.
     let bounds = [
-        ("circle_R80", [0.030, 0.030, 0.020, 0.025]),
-        ("slalom_0p3Hz_grow_80", [0.050, 0.030, 0.045, 0.035]),
-        ("step_steer_80_lin", [0.070, 0.055, 0.075, 0.035]),
-        ("step_steer_80_1p2deg", [0.070, 0.055, 0.065, 0.040]),
-        ("swd_0p7Hz_80_1deg", [0.100, 0.030, 0.110, 0.045]),
-        ("swd_0p7Hz_80_2deg", [0.115, 0.035, 0.105, 0.075]),
+        ("circle_R80", [0.025, 0.030, 0.015, 0.025]),
+        ("slalom_0p3Hz_grow_80", [0.030, 0.030, 0.025, 0.025]),
+        ("step_steer_80_lin", [0.060, 0.055, 0.060, 0.030]),
+        ("step_steer_80_1p2deg", [0.060, 0.055, 0.050, 0.030]),
+        ("swd_0p7Hz_80_1deg", [0.065, 0.030, 0.090, 0.040]),
+        ("swd_0p7Hz_80_2deg", [0.040, 0.030, 0.060, 0.040]),
     ];
     let mut broken = Vec::new();
     for (name, k_lt) in cars {
         for (file, bound) in bounds {
             let Some(e) = compare(name, file, k_lt, true) else { continue };
             let found = [e.lateral, e.yaw, e.roll, e.load];
-            if found.iter().zip(bound).any(|(f, b)| !(*f <= b)) {
+            if !found.iter().zip(bound).all(|(f, b)| *f <= b) {
                 broken.push(format!("{name} {file}: {found:.4?} above {bound:?}"));
             }
         }
