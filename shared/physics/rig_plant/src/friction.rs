@@ -82,8 +82,8 @@ mod tests {
         let mut c = contact();
         let (mut work, mut peak) = (0.0, 0.0_f64);
         for i in 0..20000 {
-            let phase = f64::from(i) * 1e-4 * 6.283185307179586;
-            let speed = 1e-5 * 6.283185307179586 * phase.cos();
+            let phase = f64::from(i) * 1e-4 * core::f64::consts::TAU;
+            let speed = 1e-5 * core::f64::consts::TAU * phase.cos();
             let force = c.step(speed, 1e-4);
             peak = peak.max(force.abs());
             if i >= 10000 {
