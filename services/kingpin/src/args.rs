@@ -265,14 +265,20 @@ pub struct CompareArgs {
 
 /// What `--help` of the suspension commands says of their files.
 const SUSPENSION_FILES: &str = "\
-AXLE is a TOML axle file, the bare name of a shipped one (see `kingpin list suspensions`), or a hardpoint
+AXLE is a TOML axle file, the bare name of a shipped one (see `kingpin list suspensions`), or a hardpoint \
 .json file (points by name, left and right), which is read as it is.
 
-Frames and signs: body axes x forward, y left, z up, origin midway between the wheel centres at design, SI
-units. rack + to the left. zL, zR: wheel-centre height minus design, + up. Fxk_L .. Mzk_R: force and moment of
-the wheel on the knuckle at the wheel centre, in the knuckle's axes. toe + in, camber + top outward, caster +
-top rearward, kpi + top inboard, steer + to the left. Axial forces + in tension; ball-joint forces act on the
-knuckle; rack_force is what the drive applies to the rack, + to the left.";
+Frames and signs: body axes x forward, y left, z up, origin midway between the wheel centres at design, SI \
+units. rack: + to the left. zL, zR: wheel-centre height minus design, + up. Fxk_L .. Mzk_R: force and moment \
+of the wheel on the knuckle at the wheel centre, in the knuckle's axes. toe + in, camber + top outward, \
+caster + top rearward, kpi + top inboard, steer + to the left. Axial forces + in tension; ball-joint forces \
+act on the knuckle; rack_force is what the drive applies to the rack, + to the left.
+
+Examples:
+  kingpin suspension describe compact_strut
+  kingpin suspension solve --axle compact_strut --input in.csv --output out.csv --method all
+  kingpin suspension curves --axle sedan_double_wishbone --output curves
+  kingpin suspension compare --axle hardpoints.json --reference measured.csv --output compare.html";
 
 /// Arguments of `suspension`.
 #[derive(Debug, ClapArgs)]
@@ -320,15 +326,17 @@ pub struct SuspensionSolveArgs {
 
 /// What `suspension solve --help` adds.
 const SUSPENSION_SOLVE_HELP: &str = "\
-Columns written: step, rack, zL, zR; positions lbj_, ubj_, to_ (tie-rod outer ball), wc_, cp_ with _x _y _z and
-_L _R; q0..q3; steer, toe, camber, caster, kpi; spring_length or strut_length; arb_angle; loads Fxk.., Fxb..;
-tie, spring, Fubj or Ftop, Flbj, droplink, rack_force, arb_torque. An axle with a stabiliser has each force
-twice: _arb with it, _noarb without. An axle with bushings has dtoe, dcamber and defl_<point> too. The older
-methods write tie_map, tie_map_thesis, tie_simple and rack_force_<method>. Last column: status, 0 where solved
-(else 1 not finite, 2 out of reach, 3 singular, 4 beyond a dead point; the row then holds the last solved one).
-Exit code 1 when a row was not solved. For a virtual kingpin axis (five-link), lbj and ubj are points of it.
+Columns written: step, rack, zL, zR; positions lbj_, ubj_, to_ (tie-rod outer ball), wc_, cp_ with _x _y _z \
+and _L _R; q0..q3; steer, toe, camber, caster, kpi; spring_length or strut_length; arb_angle; loads Fxk.., \
+Fxb..; tie, spring, Fubj or Ftop, Flbj, droplink, rack_force, arb_torque. An axle with a stabiliser has each \
+force twice: _arb with it, _noarb without. An axle with bushings has dtoe, dcamber and defl_<point> too. \
+For a virtual kingpin axis (five-link), lbj and ubj are points of it. The older methods write tie_map, \
+tie_map_thesis, tie_simple and rack_force_<method>.
 
-AXLE is a TOML axle file, a shipped name, or a hardpoint .json file, which is read as it is.
+Last column: status, 0 where solved, else 1 not finite, 2 out of reach, 3 singular, 4 beyond a dead point; \
+such a row holds the last solved one's results and makes the exit code 1.
+
+AXLE is a TOML axle file, the bare name of a shipped one, or a hardpoint .json file, which is read as it is. \
 Frames and signs: see `kingpin suspension --help`.";
 
 /// Tie-rod force methods.
@@ -390,6 +398,9 @@ pub struct SuspensionCompareArgs {
     /// Reference: inputs as for `solve`, and the columns to compare with, named as `solve` writes them
     #[arg(long, value_name = "FILE.csv")]
     pub reference: PathBuf,
+    /// Hold the springs at their design length, as in `solve`
+    #[arg(long)]
+    pub lock_springs: bool,
     /// Write the figures there
     #[arg(long, value_name = "FILE.html")]
     pub output: Option<PathBuf>,

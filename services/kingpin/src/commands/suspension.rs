@@ -135,7 +135,11 @@ fn describe(args: &SuspensionDescribeArgs) -> Result<Exit, Wrong> {
             }));
         }
         if !model.bushings.is_empty() {
-            lines.push(format!("bushings: {}\n", model.bushings.join(", ")));
+            let rest = model.kinematic.coordinates.saturating_sub(model.kinematic.rows);
+            lines.push(format!(
+                "bushings: {}\n  their stiffness holds what the equations leave free ({rest} coordinates, the rack's given stroke among them)\n",
+                model.bushings.join(", ")
+            ));
         }
     }
     if args.json {

@@ -94,16 +94,27 @@ impl Comparison<'_> {
 /// `kingpin suspension compare`.
 pub fn compare(args: &SuspensionCompareArgs) -> Result<Exit, Wrong> {
     let axle = load_axle(&args.axle)?;
-    let mut solver = Solver::new(&args.axle, &axle, SuspensionMethod::All, false)?;
+    let mut solver = Solver::new(&args.axle, &axle, SuspensionMethod::All, args.lock_springs)?;
     let columns = columns(&axle, SuspensionMethod::All, solver.design());
     let plain: Vec<String> = SIDES.iter().map(|side| format!("tie_{side}")).collect();
     let known = |name: &str| plain.iter().any(|p| p == name) || columns.iter().any(|c| c.name == name);
-    let rows = read(&args.reference, true, known)?;
+    let mut rows = read(&args.reference, !args.lock_springs, known)?;
     if rows.further.is_empty() {
         let rule = "has no column to compare with (such as tie_L or toe_L, as `solve` writes them)";
         return Err(Violation::of_file(Mistake::MissingKey, rows.name, rule).to_string());
     }
-    let (solved, failed) = solver.solve_all(&rows);
+    let (mut solved, failed) = solver.solve_all(&rows);
+    // A row that was not solved holds another row's numbers: no error of a method.
+    let good: Vec<bool> = solved.iter().map(|row| row.status == 0).collect();
+    for (_, values) in &mut rows.further {
+        let mut good = good.iter();
+        values.retain(|_| good.next().is_some_and(|g| *g));
+    }
+    solved.retain(|row| row.status == 0);
+    if solved.is_empty() {
+        output::note(format!("{}: no row was solved", rows.name));
+        return Ok(Exit::Failed);
+    }
     let comparison = Comparison { rows: &rows, solved, columns };
     let methods = comparison.methods(&axle);
     let truth = [0, 1].map(|k| comparison.tie(variants(&axle)[0], k));

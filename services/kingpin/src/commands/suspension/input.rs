@@ -203,9 +203,10 @@ mod tests {
     use super::*;
 
     fn read_bytes(text: &str) -> Result<Rows, String> {
-        let folder = std::env::temp_dir().join(format!("kingpin-input-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let path = folder.join(format!("{}.csv", text.len()));
+        static FILES: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
+        let count = FILES.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let name = format!("kingpin-input-{}-{count}.csv", std::process::id());
+        let path = std::env::temp_dir().join(name);
         std::fs::write(&path, text).unwrap();
         let read = read(&path, true, |name| name == "tie_L");
         std::fs::remove_file(&path).unwrap();
