@@ -273,13 +273,7 @@ fn join(tree: &mut Tree, flat: &mut Flat, host: usize, c: &RawCoupling, fault: F
             sides.push(s);
         }
     }
-    flat.couplings.push(Coupling {
-        name: name.clone(),
-        members,
-        outside: None,
-        host,
-        place: c.place.clone(),
-    });
+    flat.couplings.push(Coupling { name: name.clone(), members, outside: None });
     if sides.len() != c.join.len() {
         return;
     }
@@ -345,8 +339,6 @@ fn closed(tree: &mut Tree, flat: &mut Flat, host: usize, name: &Text, fixed: boo
         name: format!("{} - {what}", name.text),
         members: vec![(found.block, found.port)],
         outside: None,
-        host,
-        place: name.place.clone(),
     });
 }
 
@@ -425,8 +417,6 @@ fn open_ports(tree: &mut Tree, flat: &mut Flat, fault: Fault) {
             name: format!("{} - {name} (open)", of.text),
             members: vec![(found.block, found.port)],
             outside: Some((across, through, s.sign * flip)),
-            host: 0,
-            place: of.place.clone(),
         });
     }
 }

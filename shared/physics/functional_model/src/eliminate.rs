@@ -10,8 +10,6 @@ pub(crate) type Row = Vec<(u32, f64)>;
 pub(crate) struct Eliminated {
     /// (column, its value as a sum over columns that are not pivots), in pivot order.
     pub solved: Vec<(u32, Row)>,
-    /// (original row, pivot column) in the same order, for replaying symbolically.
-    pub pivots: Vec<(usize, u32)>,
     /// Rows without pivot columns left: their original row, the row, and rows that went into it.
     pub left: Vec<(usize, Row, Vec<usize>)>,
 }
@@ -129,7 +127,7 @@ pub(crate) fn eliminate_keeping(
         })
         .collect();
     left.sort_by_key(|l| l.0);
-    Eliminated { solved, pivots: done.iter().map(|d| (d.0, d.1)).collect(), left }
+    Eliminated { solved, left }
 }
 
 fn scales(rows: &[Row], columns: usize) -> (Vec<f64>, Vec<f64>) {

@@ -15,16 +15,6 @@ pub(crate) enum Shape {
     Matrix(usize, usize),
 }
 
-impl Shape {
-    pub fn len(self) -> usize {
-        match self {
-            Shape::Scalar => 1,
-            Shape::Vector(n) => n,
-            Shape::Matrix(r, c) => r * c,
-        }
-    }
-}
-
 impl std::fmt::Display for Shape {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -129,12 +119,9 @@ fn look_up(name: &str, pool: &mut Pool, scope: &dyn Scope) -> Result1 {
     if let Some(v) = scope.name(pool, name) {
         return v;
     }
-    match name {
-        "pi" => {
-            let id = pool.number(std::f64::consts::PI);
-            return Ok(Value::scalar(id, Unit::ONE));
-        }
-        _ => {}
+    if name == "pi" {
+        let id = pool.number(std::f64::consts::PI);
+        return Ok(Value::scalar(id, Unit::ONE));
     }
     if let Some((base, axis)) = name.rsplit_once('.')
         && let Some(at) = ["x", "y", "z"].iter().position(|a| *a == axis)

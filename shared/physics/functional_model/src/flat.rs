@@ -90,9 +90,6 @@ pub(crate) struct Coupling {
     /// An open port's outside pair, in the outermost frame: across and through variables, and the sign with which
     /// power v*f leaves the model.
     pub outside: Option<(Vec<u32>, Vec<u32>, f64)>,
-    /// Part in whose frame the joining happens.
-    pub host: usize,
-    pub place: Place,
 }
 
 #[derive(Debug, Clone)]

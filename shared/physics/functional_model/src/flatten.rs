@@ -289,6 +289,25 @@ fn directions(tree: &mut Tree, flat: &mut Flat) {
     for index in 1..tree.instances.len() {
         let Some(part) = tree.instances[index].part.clone() else { continue };
         let (parent, path) = (tree.instances[index].parent.unwrap_or(0), tree.instances[index].path.clone());
+        for (_, text) in &part.turn {
+            if let Ok(v) = tree.expand_in(&mut flat.pool, parent, text) {
+                if v.unit.is_some_and(|u| u != Unit::ONE) {
+                    tree.fail(
+                        &text.place,
+                        Rule::Unit,
+                        &path,
+                        format!("turn: an angle is in rad or deg, not {}", v.unit_text()),
+                    );
+                } else if v.shape != Shape::Scalar {
+                    tree.fail(
+                        &text.place,
+                        Rule::Dimension,
+                        &path,
+                        format!("turn: an angle is a scalar, not {}", v.shape),
+                    );
+                }
+            }
+        }
         if let Some(text) = &part.along
             && let Ok(v) = tree.expand_in(&mut flat.pool, parent, text)
             && let Some(n) = numbers(flat, &v)

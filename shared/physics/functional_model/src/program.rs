@@ -153,8 +153,8 @@ impl Program {
                     let a = at[t];
                     let to = self.fresh();
                     match (last, *e) {
-                        (Some(l), e) if e == 1.0 => self.steps.push(Step::Multiply { to, a: l, b: a }),
-                        (Some(l), e) if e == -1.0 => self.steps.push(Step::Divide { to, a: l, b: a }),
+                        (Some(l), 1.0) => self.steps.push(Step::Multiply { to, a: l, b: a }),
+                        (Some(l), -1.0) => self.steps.push(Step::Divide { to, a: l, b: a }),
                         (Some(l), e) => {
                             let power = to;
                             self.steps.push(Step::Power { to: power, a, k: e });

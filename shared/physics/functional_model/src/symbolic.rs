@@ -45,6 +45,10 @@ struct Entry {
 }
 
 type SymbolicRow = Vec<Entry>;
+/// Pivot columns with their rows, in order.
+type Pivots = Vec<(u32, SymbolicRow)>;
+/// Late row, fill-in, not plain +-1, row, column: smaller is better.
+type Cost = (bool, usize, bool, usize, u32);
 
 struct Work<'a> {
     flat: &'a mut Flat,
@@ -114,7 +118,7 @@ impl Work<'_> {
         rows: Vec<(usize, SymbolicRow)>,
         pivotable: &dyn Fn(u32) -> bool,
         late: &dyn Fn(usize) -> bool,
-    ) -> (Vec<(u32, SymbolicRow)>, Vec<(usize, SymbolicRow)>) {
+    ) -> (Pivots, Vec<(usize, SymbolicRow)>) {
         let mut active = rows;
         let mut done = Vec::new();
         loop {
@@ -124,7 +128,7 @@ impl Work<'_> {
                     *counts.entry(e.column).or_insert(0) += 1;
                 }
             }
-            let mut best: Option<((bool, usize, bool, usize, u32), usize)> = None;
+            let mut best: Option<(Cost, usize)> = None;
             for (at, (origin, r)) in active.iter().enumerate() {
                 let candidates: Vec<&Entry> = r.iter().filter(|e| pivotable(e.column)).collect();
                 let largest = candidates.iter().fold(0.0f64, |m, e| m.max(e.value[0].abs()));

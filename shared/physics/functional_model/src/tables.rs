@@ -143,6 +143,65 @@ fn monotone_slopes(x: &[f64], v: &[f64]) -> Vec<f64> {
     slope
 }
 
+/// Numbers of one column in SI, with their unit; None = the table has no such column.
+pub(crate) type Column = Option<(Vec<f64>, Unit)>;
+
+/// A table file: first line names and units (`x [m], value [N]`, with `y [..]` for three columns), then rows.
+pub(crate) fn table_file(text: &str) -> Result<Vec<Column>, String> {
+    let mut lines = text.lines().filter(|l| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
+    let head = lines.next().ok_or("the table is empty")?;
+    let mut units = Vec::new();
+    for cell in head.split(',') {
+        let unit = cell.split_once('[').and_then(|(_, u)| u.split_once(']')).map(|(u, _)| u);
+        units.push(Unit::parse(unit.ok_or_else(|| format!("column '{}' names no [unit]", cell.trim()))?)?);
+    }
+    if units.len() != 2 && units.len() != 3 {
+        return Err("a table has the columns x, value or x, y, value".into());
+    }
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    for line in lines {
+        let row: Result<Vec<f64>, String> = line
+            .split(',')
+            .zip(&units)
+            .map(|(c, u)| {
+                c.trim()
+                    .parse::<f64>()
+                    .map(|v| v * u.1)
+                    .map_err(|_| format!("'{}' is not a number", c.trim()))
+            })
+            .collect();
+        let row = row?;
+        if row.len() != units.len() {
+            return Err(format!("'{line}' has too few columns"));
+        }
+        rows.push(row);
+    }
+    let distinct = |at: usize| {
+        let mut v: Vec<f64> = Vec::new();
+        for r in &rows {
+            if !v.contains(&r[at]) {
+                v.push(r[at]);
+            }
+        }
+        v
+    };
+    let x = distinct(0);
+    if units.len() == 2 {
+        let value = rows.iter().map(|r| r[1]).collect();
+        let x = rows.iter().map(|r| r[0]).collect();
+        return Ok(vec![Some((x, units[0].0)), None, Some((value, units[1].0))]);
+    }
+    let y = distinct(1);
+    let mut value = Vec::new();
+    for a in &x {
+        for b in &y {
+            let row = rows.iter().find(|r| r[0] == *a && r[1] == *b);
+            value.push(row.ok_or_else(|| format!("no value at x = {a}, y = {b}"))?[2]);
+        }
+    }
+    Ok(vec![Some((x, units[0].0)), Some((y, units[1].0)), Some((value, units[2].0))])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,5 +1,5 @@
 //! Systems with a closed form (spec 5.7): turning frames, rigid joins, gyrators, linear networks.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 mod support;
 

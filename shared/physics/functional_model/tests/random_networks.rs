@@ -1,7 +1,7 @@
 //! Random networks (masses, springs, dampers, transformers; random frames, nestings, loops and rigid joins) against a
 //! dense solve of all unknowns written here, in the ground frame, for the transfer from one force to one speed at
 //! several rates s; and the same network nested differently.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 mod support;
 
@@ -78,7 +78,7 @@ fn dense(n: &Network, s: f64) -> (Matrix2<f64>, f64) {
     for p in &n.parts {
         let turn = Matrix2::new(p.angle.cos(), -p.angle.sin(), p.angle.sin(), p.angle.cos());
         let m = turn * Matrix2::new(p.matrix[0], p.matrix[1], p.matrix[2], p.matrix[3]) * turn.transpose();
-        let mut put = |a: &mut DMatrix<f64>, row: usize, block: Option<usize>, m: Matrix2<f64>| {
+        let put = |a: &mut DMatrix<f64>, row: usize, block: Option<usize>, m: Matrix2<f64>| {
             if let Some(b) = block {
                 for i in 0..2 {
                     for j in 0..2 {
@@ -186,7 +186,6 @@ fn write_model(n: &Network, nesting: u64) -> String {
     };
     let mut top_free = Vec::new();
     let mut top_fixed = Vec::new();
-    let mut body = vec![String::new(); groups];
     let mut free = vec![Vec::new(); groups];
     let mut fixed = vec![Vec::new(); groups];
     let mut couplings = vec![String::new(); groups];

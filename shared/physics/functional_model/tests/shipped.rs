@@ -1,5 +1,5 @@
 //! Every shipped model and library block: reads, composes, closes its power and energy, behaves like the machine.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 mod support;
 
@@ -217,4 +217,40 @@ fn cardan_joints() {
     let (low, high) = chain("0 deg");
     println!("mis-phased: ratio {low:.6} .. {high:.6}, cos^2 = {c2:.6}, 1/cos^2 = {:.6}", 1.0 / c2);
     assert!((low - c2).abs() < 1e-4 && (high - 1.0 / c2).abs() < 1e-4);
+}
+
+#[test]
+fn a_table_from_a_file_gives_its_known_answer() {
+    // x in mm, value in kN: a spring of 2 kN at 10 mm, linear between the points.
+    let files = |name: &str| match name {
+        "spring.csv" => Ok("# measured\nx [mm], value [kN]\n-10, -2\n0, 0\n10, 2\n20, 8\n".to_string()),
+        _ => Err("no such file".to_string()),
+    };
+    let text = r#"
+format = "kingpin-model/1"
+ports.end = "spring.end"
+observe.force = "spring.f"
+[parts.spring]
+states = { x = "m" }
+ports.end = { across = "v [m/s]", through = "f [N]", gives = "through" }
+tables.curve = { file = "spring.csv" }
+equations = { "x'" = "v", f = "curve(x)" }
+"#;
+    let model = show(Model::from_toml(text, "spring", &files));
+    let mut c = show(show(model.compose(&Parameters::new())).compile(CompileOptions::default()));
+    for (x, f) in [(0.005, 1000.0), (0.015, 5000.0), (-0.05, -2000.0)] {
+        c.set_states(&[x]);
+        assert!((c.output("force").unwrap() - f).abs() < 1e-9);
+    }
+    c.set_states(&[0.0]);
+    for _ in 0..100 {
+        c.step(&[0.15], 1e-3);
+    }
+    assert!((c.output("force").unwrap() - 5000.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_compiled_model_may_move_to_the_thread_that_steps_it() {
+    fn send<T: Send>(_: &T) {}
+    send(&unit("rack_eps", false));
 }

@@ -1,5 +1,5 @@
 //! Symbolic text reads back to the numbers; causality is reported and parts are turned round where needed.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 mod support;
 
