@@ -2,6 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)]
 use rig_control::study::{MANOEUVRES, Study};
 
+/// Switches one compensation off.
+type Change = fn(&mut config::rig::Switches);
+
 fn main() {
     let (rig, unit) = load();
     let nominal = Study::new(&rig, &unit);
@@ -53,7 +56,7 @@ fn main() {
     ] {
         show(label, &nominal.clone().with_plant(g, k, d));
     }
-    let off: [(&str, fn(&mut config::rig::Switches)); 7] = [
+    let off: [(&str, Change); 7] = [
         ("without force conversion", |s| s.force_conversion = false),
         ("without rack feed-forward", |s| s.rack_feed_forward = false),
         ("without inertia feed-forward", |s| s.inertia_feed_forward = false),
