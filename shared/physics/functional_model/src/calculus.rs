@@ -1,6 +1,6 @@
 //! Work on expressions: evaluation, substitution, partial and total derivatives, and what they depend on.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use crate::pool::{Fun, Id, Node, Pool};
 use crate::tables::Table;
@@ -71,7 +71,7 @@ pub(crate) fn substitute(
     replace: &mut dyn FnMut(&mut Pool, &Node) -> Option<Id>,
 ) -> Vec<Id> {
     let order = pool.below(roots);
-    let mut map: HashMap<Id, Id> = HashMap::with_capacity(order.len());
+    let mut map: BTreeMap<Id, Id> = BTreeMap::new();
     for id in order {
         let node = pool.node(id).clone();
         let new = match &node {
@@ -147,7 +147,7 @@ pub(crate) fn time_derivative(pool: &mut Pool, root: Id, held: &dyn Fn(u32) -> b
 pub(crate) fn derivative(pool: &mut Pool, root: Id, seed: &mut dyn FnMut(&mut Pool, Id) -> Option<Id>) -> Id {
     let order = pool.below(&[root]);
     let zero = pool.number(0.0);
-    let mut d: HashMap<Id, Id> = HashMap::with_capacity(order.len());
+    let mut d: BTreeMap<Id, Id> = BTreeMap::new();
     for id in order {
         let node = pool.node(id).clone();
         let new = match &node {

@@ -4,7 +4,7 @@
 //! functions of a few affine arguments. Newton's method on c, damped by the natural
 //! monotonicity test (Deuflhard 2004, Newton Methods for Nonlinear Problems, 3.3); one solve when n is affine in c.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use crate::calculus::{depends, derivative, substitute};
 use crate::dense::Lu;
@@ -98,7 +98,7 @@ pub(crate) struct Kernel {
     /// One equation that is not linear between samples, for messages.
     pub first_nonlinear: Option<usize>,
     pub tables: Vec<Table>,
-    affine: HashMap<u32, (Vec<f64>, Vec<f64>)>,
+    affine: BTreeMap<u32, (Vec<f64>, Vec<f64>)>,
 }
 
 impl Kernel {
@@ -115,14 +115,14 @@ impl Kernel {
             .collect();
         let width = states.len() + inputs.len() + sampled.len() + 2;
         let nc = dae.core.len();
-        let mut place: HashMap<u32, usize> = HashMap::new();
+        let mut place: BTreeMap<u32, usize> = BTreeMap::new();
         for (k, v) in states.iter().chain(&inputs).chain(&sampled).enumerate() {
             place.insert(column_of(*v), k);
         }
         place.insert(TIME, width - 2);
         place.insert(ONE, width - 1);
-        let core_place: HashMap<u32, usize> = dae.core.iter().enumerate().map(|(k, c)| (*c, k)).collect();
-        let mut affine: HashMap<u32, (Vec<f64>, Vec<f64>)> = HashMap::new();
+        let core_place: BTreeMap<u32, usize> = dae.core.iter().enumerate().map(|(k, c)| (*c, k)).collect();
+        let mut affine: BTreeMap<u32, (Vec<f64>, Vec<f64>)> = BTreeMap::new();
         for (c, k) in &place {
             let mut row = (vec![0.0; width], vec![0.0; nc]);
             row.0[*k] = 1.0;

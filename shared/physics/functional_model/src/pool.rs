@@ -4,13 +4,13 @@
 //! step, derivatives and symbolic text share; a general computer-algebra crate would do much more, allocate per
 //! node, and know neither rates, sampled variables nor tables.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 /// Index of an expression in its pool.
 pub(crate) type Id = u32;
 
 /// Functions of numbers. Truth is 1, falsehood 0.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Fun {
     Sin,
     Cos,
@@ -150,7 +150,7 @@ pub(crate) enum Node {
     },
 }
 
-#[derive(Hash, PartialEq, Eq)]
+#[derive(PartialOrd, Ord, PartialEq, Eq)]
 enum Key {
     Number(u64),
     Leaf(u8, u32),
@@ -165,7 +165,7 @@ enum Key {
 pub(crate) struct Pool {
     nodes: Vec<Node>,
     // Look-up only, never iterated: the order of the map cannot reach a result.
-    known: HashMap<Key, Id>,
+    known: BTreeMap<Key, Id>,
 }
 
 fn bits(pairs: &[(Id, f64)]) -> Vec<(Id, u64)> {

@@ -1,7 +1,7 @@
 //! Expressions as a flat list of instructions over a register file: what runs in the step. No allocation, no
 //! recursion; equal subexpressions are computed once.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use crate::calculus::multiply_power;
 use crate::pool::{Fun, Id, Node, Pool};
@@ -94,7 +94,7 @@ impl Program {
         leaf: &dyn Fn(&Node) -> Option<usize>,
     ) -> Program {
         let mut p = Program { inputs, registers: inputs, ..Program::default() };
-        let mut at: HashMap<Id, u32> = HashMap::new();
+        let mut at: BTreeMap<Id, u32> = BTreeMap::new();
         for id in pool.below(roots) {
             let register = p.emit(pool, id, &at, leaf);
             at.insert(id, register);
@@ -112,7 +112,7 @@ impl Program {
         &mut self,
         pool: &Pool,
         id: Id,
-        at: &HashMap<Id, u32>,
+        at: &BTreeMap<Id, u32>,
         leaf: &dyn Fn(&Node) -> Option<usize>,
     ) -> u32 {
         match pool.node(id) {

@@ -6,7 +6,7 @@
 //! constraint v2 = Phi v1 brings Phi dv1/dt + dPhi/dt v1, so the reduced storage is (M1 + Phi^T M2 Phi) with the
 //! term Phi^T M2 dPhi/dt v (spec 5.3).
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use crate::calculus::{depends, substitute, time_derivative};
 use crate::eliminate::{Eliminated, Row, eliminate};
@@ -298,7 +298,7 @@ fn constraints(
             let pivot = t[0];
             if let Some(k) = row.iter().position(|e| e.0 == pivot.0) {
                 let factor = row[k].1 / pivot.1;
-                let mut sum: HashMap<u32, f64> = row.iter().copied().collect();
+                let mut sum: BTreeMap<u32, f64> = row.iter().copied().collect();
                 for (c, v) in t {
                     *sum.entry(*c).or_insert(0.0) -= factor * v;
                 }
@@ -422,7 +422,7 @@ fn replace_rates(flat: &mut Flat, equations: &mut [Reduced], dependent: &[(u32, 
 }
 
 /// An equation with every eliminated variable written out.
-pub(crate) fn written_out(pool: &mut Pool, residual: Id, solved: &HashMap<u32, Row>) -> Id {
+pub(crate) fn written_out(pool: &mut Pool, residual: Id, solved: &BTreeMap<u32, Row>) -> Id {
     let leaf = |pool: &mut Pool, column: u32| match of_column(column) {
         Some((v, false)) => pool.variable(v as usize),
         Some((v, true)) => pool.rate(v as usize),
@@ -459,7 +459,7 @@ impl Matching {
         core: &[u32],
         eliminated: &Eliminated,
     ) -> Matching {
-        let solved: HashMap<u32, Row> = eliminated.solved.iter().cloned().collect();
+        let solved: BTreeMap<u32, Row> = eliminated.solved.iter().cloned().collect();
         let mut edges = Vec::new();
         for i in nonlinear {
             let out = written_out(&mut flat.pool, equations[*i].residual, &solved);
@@ -552,7 +552,7 @@ fn differentiate(
     let _ = core;
     let members: Vec<usize> = set.iter().map(|s| nonlinear[*s]).collect();
     let (place, labels) = blame(flat, equations, &members);
-    let solved: HashMap<u32, Row> = eliminated.solved.iter().cloned().collect();
+    let solved: BTreeMap<u32, Row> = eliminated.solved.iter().cloned().collect();
     let out: Vec<Id> =
         members.iter().map(|m| written_out(&mut flat.pool, equations[*m].residual, &solved)).collect();
     let mut states: Vec<u32> = Vec::new();

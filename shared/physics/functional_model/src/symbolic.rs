@@ -3,7 +3,7 @@
 //! Shared pieces become definitions `k1 = ...`; every line reads back with the expression language
 //! ([`evaluate_symbolic`]). What is not linear appears as named terms `n1 = ...` beside the matrices.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use crate::calculus::{Leaves, depends, derivative, evaluate, substitute};
 use crate::error::{ModelError, Place, Rule};
@@ -122,7 +122,7 @@ impl Work<'_> {
         let mut active = rows;
         let mut done = Vec::new();
         loop {
-            let mut counts: HashMap<u32, usize> = HashMap::new();
+            let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
             for (_, r) in &active {
                 for e in r.iter().filter(|e| pivotable(e.column)) {
                     *counts.entry(e.column).or_insert(0) += 1;
@@ -428,7 +428,7 @@ fn linear_row(
 fn print(flat: &Flat, terms: &[(String, Id)], found: &[(String, Id)]) -> Symbolic {
     let roots: Vec<Id> = terms.iter().map(|t| t.1).chain(found.iter().map(|f| f.1)).collect();
     let order = flat.pool.below(&roots);
-    let mut uses: HashMap<Id, usize> = HashMap::new();
+    let mut uses: BTreeMap<Id, usize> = BTreeMap::new();
     for id in &order {
         for c in flat.pool.children(*id) {
             *uses.entry(c).or_insert(0) += 1;
@@ -437,7 +437,7 @@ fn print(flat: &Flat, terms: &[(String, Id)], found: &[(String, Id)]) -> Symboli
     for r in &roots {
         *uses.entry(*r).or_insert(0) += 1;
     }
-    let mut text: HashMap<Id, (String, u8)> = HashMap::new();
+    let mut text: BTreeMap<Id, (String, u8)> = BTreeMap::new();
     let mut definitions = Vec::new();
     for id in order {
         let (t, rank) = one(flat, id, &text);
@@ -456,7 +456,7 @@ fn print(flat: &Flat, terms: &[(String, Id)], found: &[(String, Id)]) -> Symboli
 }
 
 /// Text and rank (1 sum, 2 product, 3 power, 9 atom) of one node.
-fn one(flat: &Flat, id: Id, text: &HashMap<Id, (String, u8)>) -> (String, u8) {
+fn one(flat: &Flat, id: Id, text: &BTreeMap<Id, (String, u8)>) -> (String, u8) {
     let within = |id: &Id, rank: u8| {
         let (t, r) = &text[id];
         if *r < rank { format!("({t})") } else { t.clone() }
