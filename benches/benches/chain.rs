@@ -125,7 +125,8 @@ fn run_set(arguments: &[&str], duration_s: f64) -> LogReader {
 /// From the rig's sample to the published suspension state, whole and less what was computed. [ns]
 fn chain_of(log: &LogReader, whole: &mut Durations, net: &mut Durations) {
     let region = |name: &str| log.region(name).unwrap();
-    let (rig, vehicle, multibody) = (region("rig_timing"), region("vehicle_timing"), region("multibody_timing"));
+    let (rig, vehicle, multibody) =
+        (region("rig_timing"), region("vehicle_timing"), region("multibody_timing"));
     let word = |region: &record::RegionLog, name: &str| region.column_index(name).unwrap();
     let (start, compute, done) = (word(rig, "start_s"), word(rig, "compute_s"), word(rig, "done_s"));
     for (row, &tick) in multibody.ticks.iter().enumerate().skip(500) {
@@ -184,7 +185,14 @@ fn main() {
         let folder = tempfile::tempdir().unwrap();
         let done = Command::new(kingpin())
             .args(["run", "growing_slalom_80", "--no-report", "--json", arguments])
-            .args(["--name", "bench-lockstep", "--set", "warm_up_s=0.5", "--duration", &format!("{seconds:?}")])
+            .args([
+                "--name",
+                "bench-lockstep",
+                "--set",
+                "warm_up_s=0.5",
+                "--duration",
+                &format!("{seconds:?}"),
+            ])
             .arg("--out")
             .arg(folder.path().join("run"))
             .output()

@@ -136,7 +136,14 @@ fn bare_dense(order: usize, steps: usize, order_forces: usize) -> impl FnMut() {
         let request = factor::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, Default::default())
             .or(solve::solve_in_place_scratch::<usize, f64>(n, 1, Par::Seq))
             .or(solve::solve_transpose_in_place_scratch::<usize, f64>(n, 1, Par::Seq));
-        (a.clone(), a, MemBuffer::new(request), vec![0_usize; n], vec![0_usize; n], Mat::from_fn(n, 1, |_, _| 1.0))
+        (
+            a.clone(),
+            a,
+            MemBuffer::new(request),
+            vec![0_usize; n],
+            vec![0_usize; n],
+            Mat::from_fn(n, 1, |_, _| 1.0),
+        )
     };
     let mut parts = [build(order), build(order_forces)];
     move || {
