@@ -57,7 +57,15 @@ impl DenseLu {
         };
         *row_of = std::array::from_fn(|k| k);
         let mut odd = false;
-        let scale = a.as_flattened().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        // Column by column in step, which compiles to vector instructions.
+        let mut largest = [0.0_f64; N];
+        for row in a.iter() {
+            for c in 0..N {
+                let size = row[c].abs();
+                largest[c] = if size > largest[c] { size } else { largest[c] };
+            }
+        }
+        let scale = largest.iter().fold(0.0_f64, |m, x| if *x > m { *x } else { m });
         for k in 0..N {
             let mut best = k;
             for i in k + 1..N {
@@ -76,13 +84,15 @@ impl DenseLu {
                 odd = !odd;
             }
             let inverse = 1.0 / pivot;
-            let pivot_row = a[k];
+            // Whole rows, with what is done already masked out: loops of one known length.
+            let mut pivot_row = a[k];
+            pivot_row[..=k].fill(0.0);
             for row in &mut a[k + 1..] {
                 let l = row[k] * inverse;
-                row[k] = l;
-                for c in k + 1..N {
+                for c in 0..N {
                     row[c] -= l * pivot_row[c];
                 }
+                row[k] = l;
             }
         }
         self.odd = odd;
