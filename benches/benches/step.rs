@@ -68,18 +68,17 @@ fn main() {
         time_batches(out, batches, 1, |_| {
             let alpha = 0.03 * (std::f64::consts::TAU * 0.3e-3 * tick as f64).sin();
             for (i, state) in states.iter_mut().enumerate() {
-                    let motion = Motion {
-                        vertical_load_n: 3500.0 + 200.0 * i as f64,
-                        speed_m_s: 22.22,
-                        slip_speed_x_m_s: -0.05,
-                        slip_speed_y_m_s: 22.22 * alpha,
-                        spin_rate_rad_s: 0.0,
-                        camber_rad: 0.01,
-                        pressure_pa: 220_000.0,
-                        friction_scale: [1.0; 2],
-                    };
-                    black_box(tyre.transient_step(state, &motion, UseMode::AlphaStar, 5e-4));
-                }
+                let motion = Motion {
+                    vertical_load_n: 3500.0 + 200.0 * i as f64,
+                    speed_m_s: 22.22,
+                    slip_speed_x_m_s: -0.05,
+                    slip_speed_y_m_s: 22.22 * alpha,
+                    spin_rate_rad_s: 0.0,
+                    camber_rad: 0.01,
+                    pressure_pa: 220_000.0,
+                    friction_scale: [1.0; 2],
+                };
+                black_box(tyre.transient_step(state, &motion, UseMode::AlphaStar, 1e-3));
             }
             tick += 1;
         });
