@@ -5,6 +5,9 @@
 //! Rotations are unit Euler parameters p = [e0; e], scalar first [Haug 1989, ch. 9; Nikravesh 1988, ch. 6].
 //! No small-angle assumption anywhere and no singular attitude.
 
+// Units stand in brackets in every description; they are no links.
+#![allow(rustdoc::broken_intra_doc_links)]
+
 pub mod euler_parameters;
 pub mod wrench;
 
