@@ -37,7 +37,6 @@
 
 // Units stand in brackets in every description; they are no links.
 #![allow(rustdoc::broken_intra_doc_links)]
-
 // Limits are written `!(x <= limit)` where NaN must count as beyond the limit.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
