@@ -2,7 +2,7 @@
 //!
 //! Reading order: [`Vehicle`] (`vehicle`), what goes in and out (`io`), then its parts: kinematics maps
 //! (`kinematics`), wheel stations and contacts (`station`), equations of motion (`chassis`), suspension forces
-//! (`suspension`), `driveline`, `brakes`, `aerodynamics`, `steering`, `speed_control`, start (`settle`), named variables and
+//! (`suspension`), `driveline`, `brakes`, `aerodynamics`, `hull`, `steering`, `speed_control`, start (`settle`), named variables and
 //! imports (`variables`), runs from tables (`simulate`).
 //! Axes ISO 8855, SI units. Sees configuration and tyres only: no file, no clock, no heap in a step.
 
@@ -11,6 +11,7 @@ mod brakes;
 mod chassis;
 mod curve;
 mod driveline;
+mod hull;
 mod io;
 pub mod kinematics;
 mod outputs;

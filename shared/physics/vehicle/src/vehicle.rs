@@ -7,6 +7,8 @@
 //! Euler parameters, so that neither drifts. Outputs: positions and velocities at the end of the step, forces and
 //! accelerations of its last sub-step.
 //!
+//! A car on its side: tyres let go between 66 and 78 degrees of lean, a crude hull carries the body (`hull`).
+//!
 //! Freedoms: body 6, wheel travels 4, spins 4, tyre relaxation 8, engine 1, brake pressures 4 = 27; besides the
 //! rack (for a steering of its own), elastic deflections and the controllers' states.
 
@@ -14,6 +16,7 @@ use crate::aerodynamics::Aerodynamics;
 use crate::brakes::Brakes;
 use crate::chassis::{self, Handed, Masses, StationLoad};
 use crate::driveline::{Driveline, SpinTorques};
+use crate::hull::Hull;
 use crate::io::{GearMode, VehicleInput, VehicleOutput, WHEELS};
 use crate::kinematics::AxleKinematics;
 use crate::speed_control::SpeedControl;
@@ -39,6 +42,11 @@ const STANDING_M_S: f64 = 0.02;
 const STOPPING_M_S: f64 = 0.3;
 /// Master pressure that holds it. [Pa]
 const HOLD_PRESSURE_PA: f64 = 3e6;
+/// Cosine of the lean at which a tread has left the road, and from which it lies on it wholly.
+const UPRIGHT_NONE: f64 = 0.2;
+const UPRIGHT_FULL: f64 = 0.4;
+/// A tyre is not pressed in further than to this share of its free radius.
+const RADIUS_SHARE_MIN: f64 = 0.4;
 /// Least friction of a road. [-]
 const FRICTION_MIN: f64 = 1e-3;
 
@@ -55,6 +63,7 @@ pub struct Vehicle {
     pub(crate) driveline: Driveline,
     brakes: Brakes,
     aerodynamics: Aerodynamics,
+    hull: Hull,
     speed_control: SpeedControl,
     pub(crate) steering: Steering,
     tyres: [Tyre; WHEELS],
@@ -165,6 +174,7 @@ impl Vehicle {
             driveline: Driveline::new(car),
             brakes: Brakes::new(&car.brakes, sub_step_s),
             aerodynamics: Aerodynamics::new(&car.aerodynamics, b),
+            hull: Hull::new(car, mass),
             speed_control: SpeedControl::new(&car.speed_control, mass + rotating, radius),
             steering,
             tyres: [0, 1, 2, 3].map(|i| tyres[i].on_side(sides[i])),
@@ -407,9 +417,13 @@ impl Vehicle {
         for i in 0..WHEELS {
             let (contact, tyre, spin, pressure) =
                 (&contacts[i], &self.tyres[i], s.spin[i], self.pressure_pa[i]);
-            let deflection = tyre.free_radius_m(spin) - contact.radius_m;
+            let free = tyre.free_radius_m(spin);
+            let deflection = free - contact.radius_m.max(RADIUS_SHARE_MIN * free);
             let [fx, fy] = s.tyre_force[i];
             let fz = tyre.vertical_force_n(deflection, contact.closing_m_s, spin, fx, fy, pressure);
+            // A car on its side: the tread leaves the road.
+            let upright = contact.n.z.min(contact.inclination_rad.cos());
+            let fz = fz * ((upright - UPRIGHT_NONE) / (UPRIGHT_FULL - UPRIGHT_NONE)).clamp(0.0, 1.0);
             let fz = self.imports.wheel(i, wheel::FZ, fz).max(0.0);
             let friction = self.imports.wheel(i, wheel::FRICTION, input.road[i].friction);
             let rolling = tyre.effective_rolling_radius_m(fz, spin, pressure);
@@ -494,6 +508,19 @@ impl Vehicle {
             force[k] += self.imports.car(whole::FORCE + k, air_force[k]);
             moment[k] += self.imports.car(whole::MOMENT + k, air_moment[k]);
         }
+
+        // The body's own contact, with the mean plane under the wheels.
+        let mean = |f: &dyn Fn(usize) -> f64| 0.25 * (0..WHEELS).map(f).sum::<f64>();
+        let (slope_x, slope_y) = (mean(&|i| input.road[i].slope_x), mean(&|i| input.road[i].slope_y));
+        let norm = (1.0 + slope_x * slope_x + slope_y * slope_y).sqrt();
+        let above = s.position.z
+            - mean(&|i| input.road[i].height_m)
+            - slope_x * (s.position.x - mean(&|i| control.over[i][0]))
+            - slope_y * (s.position.y - mean(&|i| control.over[i][1]));
+        let normal = to_body * Vector3::new(-slope_x / norm, -slope_y / norm, 1.0 / norm);
+        let (hull_force, hull_moment) = self.hull.wrench(&normal, above / norm, &motion.v, &motion.w);
+        force += hull_force;
+        moment += hull_moment;
 
         // Motion.
         let acc =
