@@ -49,13 +49,13 @@ pub fn list(args: &ListArgs) -> Exit {
             Library::list(kind_of(kind)).into_iter().filter(|s| !s.name.starts_with('_')).collect();
         if args.json {
             let items = shipped.iter().map(|s| {
-                serde_json::json!({"name": s.name, "description": describe(&s.text), "path": s.file_name})
+                serde_json::json!({"name": s.name, "description": describe(s.text), "path": s.file_name})
             });
             json.insert(directory.to_owned(), items.collect());
             continue;
         }
         output::line(format!("{directory}:"));
-        let rows: Vec<_> = shipped.iter().map(|s| vec![format!("  {}", s.name), describe(&s.text)]).collect();
+        let rows: Vec<_> = shipped.iter().map(|s| vec![format!("  {}", s.name), describe(s.text)]).collect();
         output::line(output::columns(&rows));
     }
     if args.json {

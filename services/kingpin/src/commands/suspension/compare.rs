@@ -137,7 +137,7 @@ pub fn compare(args: &SuspensionCompareArgs) -> Result<Exit, Wrong> {
         for method in &methods {
             let [l, r] = [error(&method.force[0], left), error(&method.force[1], right)];
             let share = l.max.max(r.max) / peak.max(1e-300);
-            let newtons = [l.max, r.max, l.rms, r.rms].map(|x| brief(x));
+            let newtons = [l.max, r.max, l.rms, r.rms].map(brief);
             let mut row = vec![method.name.to_owned()];
             row.extend(newtons);
             row.push(if share < 1e-4 { format!("{share:.1e}") } else { format!("{:.2} %", share * 100.0) });
