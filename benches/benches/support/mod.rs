@@ -2,6 +2,7 @@
 
 // A baseline that went through the crate it is the baseline for would not be one.
 #![allow(unsafe_code)]
+#![allow(dead_code, reason = "each bench uses its part")]
 
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::io;
