@@ -48,9 +48,9 @@ pub fn list(args: &ListArgs) -> Exit {
         let shipped: Vec<_> =
             Library::list(kind_of(kind)).into_iter().filter(|s| !s.name.starts_with('_')).collect();
         if args.json {
-            let items = shipped.iter().map(|s| {
-                serde_json::json!({"name": s.name, "description": describe(s.text), "path": s.file_name})
-            });
+            let items = shipped.iter().map(
+                |s| serde_json::json!({"name": s.name, "description": describe(s.text), "path": s.file_name}),
+            );
             json.insert(directory.to_owned(), items.collect());
             continue;
         }
