@@ -46,7 +46,7 @@ const EDITS: &[(&str, &str, &[&str])] = &[
     ("duration_s = 5.0", "duration_s = 5.0\nseeed = 3", &["mine.toml:5:", "seeed", "unknown", "seed"]),
     ("duration_s = 5.0", "duration_s = 5.0\nseed = -3", &["mine.toml:5:", "seed"]),
     ("duration_s = 5.0", "duration_s = 5.0\nseed = 1.5", &["mine.toml:5:", "seed", "whole number"]),
-    ("duration_s = 5.0", "duration_s = 2.0", &["warm_up_s", "shorter"]),
+    ("duration_s = 5.0", "duration_s = 2.0", &["mine.toml:4:", "duration_s", "longer than warm_up_s"]),
     ("duration_s = 5.0", "duration_s = 5.0\ngear = \"fourth\"", &["mine.toml:5:", "gear", "drive"]),
     (
         "duration_s = 5.0",

@@ -325,7 +325,10 @@ fn overrides_win_and_are_told_as_such() {
 
     let told = |overrides: &[&str]| set(overrides).unwrap_err().to_string();
     assert_eq!(told(&["duration_s=-1"]), "--set: duration_s = -1: must be in (0, 86400] s");
-    assert_eq!(told(&["steer.amplitud_deg=1"]), "--set: steer.amplitud_deg = 1: unknown key");
+    assert_eq!(
+        told(&["steer.amplitud_deg=1"]),
+        "--set: steer.amplitud_deg = 1: unknown key (did you mean `amplitude_deg`?)"
+    );
     assert_eq!(told(&["duration_s"]), "--set: duration_s: must be of the form path=value");
     assert!(told(&["=3"]).contains("must be a dotted key path"));
     assert!(told(&["name.x=3"]).contains("name = {…}: must be a text"));

@@ -120,7 +120,11 @@ pub fn read(path: &Path, driven: bool, further: impl Fn(&str) -> bool) -> Result
             }
         };
         read_any = true;
-        let line = record.position().map_or(0, csv::Position::line);
+        // A record's position is where the one before ended: blank lines and line ends in between are skipped.
+        let begin = record.position().map_or(0, |at| at.byte() as usize).min(text.len());
+        let skipped = text.as_bytes()[begin..].iter().take_while(|byte| byte.is_ascii_whitespace()).count();
+        let line =
+            1 + text.as_bytes()[..begin + skipped].iter().filter(|&&byte| byte == b'\n').count() as u64;
         if record.len() != names.len() {
             let rule = format!("has {} fields, the header has {}", record.len(), names.len());
             problems.push(violation(Mistake::WrongLength, line, 0, "", "", rule));
@@ -230,9 +234,9 @@ mod tests {
         let wrong = read_bytes("rack,zL,fxk_l,zL\n0,NaN,1,0\n0, x,1,0\n0,0\n,inf,0,0\n").unwrap_err();
         for expected in [
             "IN:1: zR: column is missing",
-            "IN:1:6: fxk_l: unknown column",
+            "IN:1:9: fxk_l: unknown column",
             "did you mean `Fxk_L`",
-            "IN:1:12: zL: must not be there twice",
+            "IN:1:15: zL: must not be there twice",
             "IN:2:3: zL = NaN: must be finite",
             "IN:3:4: zL = x: must be a number",
             "IN:4: has 2 fields, the header has 4",
