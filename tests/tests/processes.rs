@@ -87,6 +87,11 @@ fn kill(pid: u64, signal: Signal) {
     kill_process(Pid::from_raw(i32::try_from(pid).unwrap()).unwrap(), signal).unwrap();
 }
 
+/// A bench name that no other run of these tests uses.
+fn own(name: &str) -> String {
+    format!("{name}-{}", std::process::id())
+}
+
 fn left_over(name: &str) -> Vec<String> {
     let prefix = format!("kingpin.{name}.");
     std::fs::read_dir("/dev/shm")
@@ -111,10 +116,10 @@ fn alone() -> MutexGuard<'static, ()> {
 fn a_run_leaves_log_and_summary_and_nothing_in_memory() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
-    let run = start("t-plain", folder.path(), "5", &[]);
+    let run = start(&own("t-plain"), folder.path(), "5", &[]);
     run.until_state(&[RUNNING]);
     // The browser reads the live table: all regions, with their writers alive.
-    let all = show("t-plain", "").unwrap();
+    let all = show(&own("t-plain"), "").unwrap();
     let regions = all["regions"].as_array().unwrap();
     assert_eq!(regions.len(), regions::REGIONS.len());
     assert!(
@@ -125,7 +130,7 @@ fn a_run_leaves_log_and_summary_and_nothing_in_memory() {
     let (output, summary) = run.finish();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(summary["run"]["end_state"], "idle");
-    assert_eq!(left_over("t-plain"), Vec::<String>::new());
+    assert_eq!(left_over(&own("t-plain")), Vec::<String>::new());
     let log = LogReader::open(&out).unwrap();
     assert!(log.intact());
     assert!(log.region("vehicle_state").unwrap().ticks.len() > 4000);
@@ -136,11 +141,12 @@ fn a_run_leaves_log_and_summary_and_nothing_in_memory() {
 fn a_logger_killed_and_away_for_two_seconds_leaves_no_gap_and_its_file_is_mended() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
-    let run = start("t-logger", folder.path(), "9", &["--restart-delay", "2"]);
+    let run = start(&own("t-logger"), folder.path(), "9", &["--restart-delay", "2"]);
     run.until_state(&[RUNNING]);
-    let written = until("the log", || show("t-logger", "logger_status")?["content"]["written_tick"].as_u64());
+    let written =
+        until("the log", || show(&own("t-logger"), "logger_status")?["content"]["written_tick"].as_u64());
     kill(run.writer("logger_status"), Signal::KILL);
-    let at_kill = until("the rig", || show("t-logger", "rig_status")?["tick"].as_u64());
+    let at_kill = until("the rig", || show(&own("t-logger"), "rig_status")?["tick"].as_u64());
     let out = run.out.clone();
     let (output, summary) = run.finish();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
@@ -173,7 +179,7 @@ fn a_logger_killed_and_away_for_two_seconds_leaves_no_gap_and_its_file_is_mended
 fn killed_models_resume_from_their_checkpoints_and_the_loop_comes_back() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
-    let run = start("t-kill", folder.path(), "9", &[]);
+    let run = start(&own("t-kill"), folder.path(), "9", &[]);
     run.until_state(&[RUNNING]);
     for region in ["vehicle_state", "suspension_state"] {
         kill(run.writer(region), Signal::KILL);
@@ -203,23 +209,23 @@ fn killed_models_resume_from_their_checkpoints_and_the_loop_comes_back() {
     let state = log.column_u64("rig_status", "state").unwrap();
     assert!(state.contains(&5), "the rig held while the inputs were stale");
     assert!(!state.contains(&8), "and did not trip");
-    assert_eq!(left_over("t-kill"), Vec::<String>::new());
+    assert_eq!(left_over(&own("t-kill")), Vec::<String>::new());
 }
 
 #[test]
 fn ctrl_c_stops_the_rig_softly_and_a_second_supervisor_is_refused() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
-    let run = start("t-stop", folder.path(), "60", &[]);
+    let run = start(&own("t-stop"), folder.path(), "60", &[]);
     run.until_state(&[RUNNING]);
     let second = Command::new(kingpin())
-        .args(["run", "slalom_120", "--name", "t-stop", "--out"])
+        .args(["run", "slalom_120", "--name", &own("t-stop"), "--out"])
         .arg(folder.path().join("second"))
         .output()
         .unwrap();
     assert_eq!(second.status.code(), Some(3), "{}", String::from_utf8_lossy(&second.stderr));
     assert!(!folder.path().join("second").exists());
-    let cleaned = Command::new(kingpin()).args(["clean", "--name", "t-stop"]).output().unwrap();
+    let cleaned = Command::new(kingpin()).args(["clean", "--name", &own("t-stop")]).output().unwrap();
     assert_eq!(cleaned.status.code(), Some(3), "a live bench is never cleaned away");
 
     kill(u64::from(run.child.id()), Signal::INT);
@@ -230,14 +236,14 @@ fn ctrl_c_stops_the_rig_softly_and_a_second_supervisor_is_refused() {
     let log = LogReader::open(&out).unwrap();
     let state = log.column_u64("rig_status", "state").unwrap();
     assert!(state.contains(&7), "through stopping");
-    assert_eq!(left_over("t-stop"), Vec::<String>::new());
+    assert_eq!(left_over(&own("t-stop")), Vec::<String>::new());
 }
 
 #[test]
 fn without_its_supervisor_the_rig_stops_safely_and_what_is_left_can_be_read_and_cleaned() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
-    let mut run = start("t-orphan", folder.path(), "60", &[]);
+    let mut run = start(&own("t-orphan"), folder.path(), "60", &[]);
     run.until_state(&[RUNNING]);
     let rig = run.writer("rig_status");
     kill(u64::from(run.child.id()), Signal::KILL);
@@ -246,14 +252,14 @@ fn without_its_supervisor_the_rig_stops_safely_and_what_is_left_can_be_read_and_
     run.until_state(&[IDLE, TRIPPED]);
     until("the services' end", || (!Path::new(&format!("/proc/{rig}")).exists() || ended(rig)).then_some(()));
     until("the last writer", || {
-        let all = show("t-orphan", "")?;
+        let all = show(&own("t-orphan"), "")?;
         all["regions"].as_array()?.iter().all(|r| r["writer_alive"] == false).then_some(())
     });
-    let status = show("t-orphan", "rig_status").expect("the left-over table is readable");
+    let status = show(&own("t-orphan"), "rig_status").expect("the left-over table is readable");
     assert_eq!(status["content"]["force_fade_ratio"].as_f64(), Some(0.0));
-    let cleaned = Command::new(kingpin()).args(["clean", "--name", "t-orphan"]).output().unwrap();
+    let cleaned = Command::new(kingpin()).args(["clean", "--name", &own("t-orphan")]).output().unwrap();
     assert_eq!(cleaned.status.code(), Some(0), "{}", String::from_utf8_lossy(&cleaned.stderr));
-    assert_eq!(left_over("t-orphan"), Vec::<String>::new());
+    assert_eq!(left_over(&own("t-orphan")), Vec::<String>::new());
 }
 
 /// A process that has ended but that nobody has waited for yet.

@@ -51,7 +51,7 @@ fn weave_is_a_sine_of_a_fifth_of_a_hertz() {
 #[test]
 fn lane_change_is_one_period() {
     let (s, m) = manoeuvre("lane_change_120");
-    for (tau, angle) in [(0.9, 0.0), (1.25, 22.0), (1.5, 0.0), (1.75, -22.0), (2.1, 0.0)] {
+    for (tau, angle) in [(0.9, 0.0), (1.25, 45.0), (1.5, 0.0), (1.75, -45.0), (2.1, 0.0)] {
         close(deg(&s, &m, tau), angle, 1e-9);
     }
     assert!(!m.at(s.warm_up_s + 0.99).active && m.at(s.warm_up_s + 1.01).active && !m.at(6.0).active);
@@ -90,9 +90,9 @@ fn ramp_has_its_rate_and_comes_back() {
     let rate = |tau: f64| m.at(s.warm_up_s + tau).steering_wheel_rate_rad_s.to_degrees();
     close(rate(2.0), 13.5, 1e-9);
     close(deg(&s, &m, 1.0 + 60.0 / 13.5 + 0.1), 60.0, 1e-9);
-    close(rate(4.5), 0.0, 1e-9);
-    close(rate(8.0), -13.5, 1e-9);
-    close(deg(&s, &m, 12.0), 0.0, 1e-9);
+    close(rate(6.5), 0.0, 1e-9);
+    close(rate(9.5), -13.5, 1e-9);
+    close(deg(&s, &m, 12.9), 0.0, 1e-9);
 }
 
 #[test]
