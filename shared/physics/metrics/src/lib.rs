@@ -7,6 +7,7 @@ pub mod compare;
 pub mod correlation;
 pub mod filter;
 pub mod fit;
+pub mod handling;
 pub mod resample;
 pub mod statistics;
 pub mod tracking;
