@@ -16,8 +16,11 @@ mod hardpoint_json;
 
 /// Two points closer than this cannot carry a link. [m]
 const LINK_LENGTH_MIN_M: f64 = 1e-3;
-/// Static angles and an explicit spin axis must agree to this. [rad]
-const SPIN_AXIS_TOLERANCE_RAD: f64 = 1e-6;
+/// Static angles and an explicit spin axis must agree to this, and to the second order of the angles: toe
+/// and camber may have been turned one after the other, or drawn as slopes. The axis is what counts. [rad]
+const SPIN_AXIS_TOLERANCE_RAD: f64 = 1e-5;
+/// An explicit spin axis may be as long as its rounded coordinates make it; it is then brought to unit length.
+const SPIN_AXIS_LENGTH_TOLERANCE: f64 = 1e-4;
 
 /// A steered axle with a rack: geometry and what acts in it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -440,7 +443,13 @@ impl Axle {
     /// that follows from static toe and camber.
     #[must_use]
     pub fn spin_axis(&self, side: usize) -> [f64; 3] {
-        self.geometry.spin_axis(side).unwrap_or_else(|| self.static_spin_axis(side))
+        self.geometry.spin_axis(side).map_or_else(
+            || self.static_spin_axis(side),
+            |s| {
+                let length = distance(s, [0.0; 3]);
+                s.map(|x| x / length)
+            },
+        )
     }
 
     fn static_spin_axis(&self, side: usize) -> [f64; 3] {
@@ -553,13 +562,16 @@ impl Axle {
             }
         }
         if let Some(s) = self.geometry.spin_axis(side) {
-            let unit = finite(&s) && (distance(s, [0.0; 3]) - 1.0).abs() < 1e-6 && s[1] > 0.0;
+            let length = distance(s, [0.0; 3]);
+            let unit = finite(&s) && (length - 1.0).abs() < SPIN_AXIS_LENGTH_TOLERANCE && s[1] > 0.0;
             checker.require(unit, "spin_axis", "must be a unit vector pointing to +y");
-            let agrees = distance(s, self.static_spin_axis(side)) < SPIN_AXIS_TOLERANCE_RAD;
+            let (toe, camber) = (self.static_toe_in_rad[side], self.static_camber_rad[side]);
+            let tolerance = SPIN_AXIS_TOLERANCE_RAD + toe * toe + camber * camber;
+            let agrees = distance(self.spin_axis(side), self.static_spin_axis(side)) < tolerance;
             checker.require(
                 !unit || agrees,
                 "spin_axis",
-                "must agree with static toe and camber to 1e-6 rad",
+                "must agree with static toe and camber, to their second order",
             );
         }
     }

@@ -108,12 +108,14 @@ pub(crate) struct Placed {
     pub r: Vector3<f64>,
     pub a: Matrix3<f64>,
     pub p: EulerParameters,
+    /// At the origin and not turned, as the car body is: points are what they are.
+    pub still: bool,
 }
 
 impl Placed {
     #[inline]
     pub fn new(pose: &Pose) -> Self {
-        Self { r: pose.r, a: pose.p.matrix(), p: pose.p }
+        Self { r: pose.r, a: pose.p.matrix(), p: pose.p, still: *pose == Pose::IDENTITY }
     }
 
     #[inline]

@@ -268,9 +268,16 @@ impl Pair<'_> {
     /// dᵀd − C².
     #[inline]
     fn distance(&self, s_i: &Vector3<f64>, s_j: &Vector3<f64>, length: f64) -> Row {
-        let d = self.d(s_i, s_j);
+        let arm = self.j.a * s_j;
+        let (d, pi_i) = if self.i.still {
+            let d = self.j.r + arm - s_i;
+            (d, 2.0 * d.cross(s_i))
+        } else {
+            let d = self.j.r + arm - self.i.point(s_i);
+            (d, 2.0 * self.i.a.tr_mul(&d).cross(s_i))
+        };
         let twice = 2.0 * d;
-        let (pi_i, pi_j) = (self.i.a.tr_mul(&twice).cross(s_i), s_j.cross(&self.j.a.tr_mul(&twice)));
+        let pi_j = s_j.cross(&self.j.a.tr_mul(&twice));
         Row::new(d.norm_squared() - length * length, -twice, pi_i, twice, pi_j)
     }
 }

@@ -2,36 +2,29 @@
 //! the bodies.
 //!
 //! The order is found from the constraints alone: bodies fixed to the ground and bodies that a driver
-//! slides along a guide have their pose in closed form; then the smallest sets of bodies that have as many
-//! constraints to already placed bodies (and among themselves) as coordinates, each a small dense block.
+//! slides along a guide have their pose in closed form; a body on a hinge with one more scalar equation has
+//! one unknown, its angle (`hinge`); then the smallest sets of bodies that have as many constraints to already
+//! placed bodies (and among themselves) as coordinates, each a small dense block (`block`).
 //! Positions and velocities go through the parts forwards, reactions (the transposed system) backwards.
 //! The Jacobian is block-triangular in this order, so nothing is approximated.
 
 use spatial::{EulerParameters, Vector3};
 
 use crate::body::{Placed, Pose, Twist};
-use crate::constraint::{Drive, Kind, ROWS_MAX, Row};
-use crate::failure::{Failure, Reason, Solved};
+use crate::constraint::{Drive, Kind, Row};
+use crate::failure::{Failure, Solved};
 use crate::kinematics::Limits;
 use crate::linear::DenseLu;
 use crate::mechanism::Mechanism;
 
+mod block;
+mod hinge;
+
+use block::Block;
+use hinge::Hinge;
+
 /// Largest set of bodies that is looked for; what is larger goes to the general path.
 const BLOCK_BODIES_MAX: usize = 3;
-
-/// A block's constraint, its first row, its rows, and the block-local first column of bodies i and j.
-type Member = (usize, usize, usize, Option<usize>, Option<usize>);
-
-/// Bodies placed together, and the constraints that place them.
-#[derive(Debug, Clone)]
-struct Block {
-    bodies: Vec<usize>,
-    constraints: Vec<Member>,
-    lu: DenseLu,
-    rhs: Vec<f64>,
-    design_positive: bool,
-    factored: bool,
-}
 
 /// A body that a driver slides along a guide on a fixed body: closed form.
 #[derive(Debug, Clone)]
@@ -51,6 +44,7 @@ struct Slide {
 enum Part {
     Fixed { body: usize, constraint: usize, pose: Pose },
     Slide(Box<Slide>),
+    Hinge(Box<Hinge>),
     Block(Block),
 }
 
@@ -63,6 +57,16 @@ pub struct Structured {
     rows: Vec<Row>,
     load: Vec<f64>,
     limits: Limits,
+    /// Constraints whose rows come from another stage.
+    lent: Vec<bool>,
+}
+
+/// Rows that two stages have in common.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shared {
+    from: usize,
+    to: usize,
+    count: usize,
 }
 
 impl Structured {
@@ -74,6 +78,7 @@ impl Structured {
             placed: design.iter().map(Placed::new).collect(),
             rows: vec![Row::ZERO; mechanism.rows()],
             load: vec![0.0; mechanism.coordinates()],
+            lent: vec![false; mechanism.constraints().len()],
             mechanism,
             parts,
             limits,
@@ -82,6 +87,10 @@ impl Structured {
         for part in &mut structured.parts {
             let block = match part {
                 Part::Fixed { .. } => continue,
+                Part::Hinge(hinge) => {
+                    hinge.set_design(&structured.mechanism, &structured.placed, drives)?;
+                    continue;
+                }
                 Part::Slide(slide) => &mut slide.block,
                 Part::Block(block) => block,
             };
@@ -129,6 +138,11 @@ impl Structured {
                     poses[slide.body] = pose;
                     placed[slide.body] = Placed::new(&pose);
                 }
+                Part::Hinge(hinge) => {
+                    let solved = hinge.position(mechanism, poses, placed, rows, drives, limits)?;
+                    total.iterations = total.iterations.max(solved.iterations);
+                    total.residual = total.residual.max(solved.residual);
+                }
                 Part::Block(block) => {
                     let solved = block.position(mechanism, poses, placed, rows, drives, limits)?;
                     total.iterations = total.iterations.max(solved.iterations);
@@ -166,6 +180,7 @@ impl Structured {
                     let omega = slide.attitude.matrix().tr_mul(&w);
                     twists[slide.body] = Twist { v: twists[slide.base].v + base.a * local, omega };
                 }
+                Part::Hinge(hinge) => hinge.velocity(mechanism, rows, placed, twists)?,
                 Part::Block(block) => block.velocity(mechanism, rows, drives, fresh, twists)?,
             }
         }
@@ -185,7 +200,7 @@ impl Structured {
     ) -> Result<(), Failure> {
         self.evaluate(poses, drives);
         self.load.copy_from_slice(load);
-        let Self { mechanism, parts, rows, load, .. } = self;
+        let Self { mechanism, parts, rows, load, placed, .. } = self;
         for part in parts.iter_mut().rev() {
             match part {
                 Part::Fixed { body, constraint, .. } => {
@@ -197,6 +212,7 @@ impl Structured {
                     // The guide is on a fixed body and does not turn: its factors are those of design.
                     slide.block.pass_on(mechanism, rows, load, lambda);
                 }
+                Part::Hinge(hinge) => hinge.reactions(mechanism, placed, rows, load, lambda)?,
                 Part::Block(block) => block.reactions(mechanism, rows, load, lambda)?,
             }
         }
@@ -207,14 +223,68 @@ impl Structured {
         for (placed, pose) in self.placed.iter_mut().zip(poses) {
             *placed = Placed::new(pose);
         }
+        let Self { mechanism, parts, placed, rows, lent, .. } = self;
+        let evaluate = |c: usize, first: usize, count: usize, rows: &mut [Row]| {
+            if !lent[c] {
+                mechanism.constraints()[c].evaluate(placed, drives, &mut rows[first..first + count]);
+            }
+        };
         // The rows of fixed and sliding bodies are those of design: their Jacobians are constant.
-        for part in &self.parts {
-            let Part::Block(block) = part else { continue };
-            for &(c, first, count, _, _) in &block.constraints {
-                let rows = &mut self.rows[first..first + count];
-                self.mechanism.constraints()[c].evaluate(&self.placed, drives, rows);
+        for part in parts {
+            match part {
+                Part::Fixed { .. } | Part::Slide(_) => {}
+                Part::Hinge(hinge) => {
+                    hinge.turn_rows(placed, rows);
+                    evaluate(hinge.tie, hinge.tie_row, 1, rows);
+                }
+                Part::Block(block) => {
+                    for &(c, first, count, _, _) in &block.constraints {
+                        evaluate(c, first, count, rows);
+                    }
+                }
             }
         }
+    }
+
+    /// Takes over rows that another stage has evaluated at the same poses: pairs of its first row and ours,
+    /// and their number. They are not evaluated again in [`Self::reactions`].
+    pub(crate) fn borrow_rows(&mut self, from: &[Row], pairs: &[Shared]) {
+        for pair in pairs {
+            let to = &mut self.rows[pair.to..pair.to + pair.count];
+            to.copy_from_slice(&from[pair.from..pair.from + pair.count]);
+        }
+    }
+
+    /// The rows that `self` evaluates for a pose and that `other` needs too: the same constraint between
+    /// bodies that are the same (`same[k]` is the body of `self` that body k of `other` is). `other` no
+    /// longer evaluates them by itself.
+    pub(crate) fn share_rows(&self, other: &mut Self, same: &[Option<usize>]) -> Vec<Shared> {
+        let ours = self.mechanism.constraints();
+        let evaluated: Vec<usize> = self
+            .parts
+            .iter()
+            .flat_map(|part| match part {
+                Part::Block(block) => block.constraints.iter().map(|m| m.0).collect(),
+                Part::Hinge(hinge) => vec![hinge.tie],
+                Part::Fixed { .. } | Part::Slide(_) => Vec::new(),
+            })
+            .collect();
+        let mut shared = Vec::new();
+        for (c, theirs) in other.mechanism.constraints().iter().enumerate() {
+            let alike = |k: &&usize| {
+                let own = &ours[**k];
+                own.kind == theirs.kind && same[theirs.i] == Some(own.i) && same[theirs.j] == Some(own.j)
+            };
+            if let Some(&own) = evaluated.iter().find(alike) {
+                other.lent[c] = true;
+                shared.push(Shared {
+                    from: self.mechanism.first_row(own),
+                    to: other.mechanism.first_row(c),
+                    count: theirs.kind.rows(),
+                });
+            }
+        }
+        shared
     }
 }
 
@@ -224,199 +294,6 @@ impl Slide {
         let local = self.origin + self.direction * drives[self.driver].value;
         Pose { r: base.point(&local), p: base.p.then(self.attitude) }
     }
-}
-
-impl Block {
-    /// Jacobian of the block's rows in its own bodies' coordinates.
-    #[inline]
-    fn fill(&mut self, rows: &[Row]) {
-        let n = 6 * self.bodies.len();
-        let matrix = self.lu.matrix_mut();
-        matrix.fill(0.0);
-        let mut at = 0;
-        for &(_, first, count, on_i, on_j) in &self.constraints {
-            for row in &rows[first..first + count] {
-                let to = &mut matrix[at * n..(at + 1) * n];
-                if let Some(column) = on_i {
-                    to[column..column + 6].copy_from_slice(&row.jac[..6]);
-                }
-                if let Some(column) = on_j {
-                    to[column..column + 6].copy_from_slice(&row.jac[6..]);
-                }
-                at += 1;
-            }
-        }
-    }
-
-    fn constraint_of_local_row(&self, local: usize) -> Option<usize> {
-        let mut at = 0;
-        for &(constraint, _, count, _, _) in &self.constraints {
-            at += count;
-            if local < at {
-                return Some(constraint);
-            }
-        }
-        None
-    }
-
-    fn position(
-        &mut self,
-        mechanism: &Mechanism,
-        poses: &mut [Pose],
-        placed: &mut [Placed],
-        rows: &mut [Row],
-        drives: &[Drive],
-        limits: &Limits,
-    ) -> Result<Solved, Failure> {
-        let failure =
-            |reason, constraint, iterations, residual| Failure { reason, constraint, iterations, residual };
-        let mut step = f64::INFINITY;
-        let mut iterations = 0;
-        self.factored = false;
-        loop {
-            for &body in &self.bodies {
-                placed[body] = Placed::new(&poses[body]);
-            }
-            let (mut residual, mut worst, mut at) = (0.0, None, 0);
-            for &(c, first, count, _, _) in &self.constraints {
-                mechanism.constraints()[c].evaluate(placed, drives, &mut rows[first..first + count]);
-                for row in &rows[first..first + count] {
-                    self.rhs[at] = -row.phi;
-                    at += 1;
-                    // Negated so that NaN is the worst of all.
-                    if !(row.phi.abs() <= residual) {
-                        (residual, worst) = (row.phi.abs(), Some(c));
-                    }
-                }
-            }
-            if !residual.is_finite() {
-                return Err(failure(Reason::OutOfReach, worst, iterations, f64::MAX));
-            }
-            if residual <= limits.phi && (step <= limits.step || residual <= Limits::PHI_NOTHING) {
-                if self.factored && self.lu.determinant_positive() != self.design_positive {
-                    return Err(failure(Reason::WrongBranch, worst, iterations, residual));
-                }
-                return Ok(Solved { iterations, residual });
-            }
-            if iterations == limits.iterations {
-                return Err(failure(Reason::OutOfReach, worst, iterations, residual));
-            }
-            self.fill(rows);
-            if let Err(singular) = self.lu.factor() {
-                let constraint = self.constraint_of_local_row(singular.0);
-                return Err(failure(Reason::Singular, constraint, iterations, residual));
-            }
-            self.factored = true;
-            self.lu.solve(&mut self.rhs);
-            iterations += 1;
-            step = self.rhs.iter().fold(0.0, |m, x| if x.abs() <= m { m } else { x.abs() });
-            if !(step <= limits.step_max) {
-                return Err(failure(Reason::OutOfReach, worst, iterations, residual));
-            }
-            for (&body, x) in self.bodies.iter().zip(self.rhs.chunks_exact(6)) {
-                let (dr, dpi) = (Vector3::new(x[0], x[1], x[2]), Vector3::new(x[3], x[4], x[5]));
-                poses[body] = poses[body].moved(&dr, &dpi);
-            }
-        }
-    }
-
-    fn velocity(
-        &mut self,
-        mechanism: &Mechanism,
-        rows: &[Row],
-        drives: &[Drive],
-        fresh: bool,
-        twists: &mut [Twist],
-    ) -> Result<(), Failure> {
-        let exact = fresh || !self.factored;
-        if exact {
-            self.fill(rows);
-            self.lu.factor().map_err(|singular| Failure {
-                reason: Reason::Singular,
-                constraint: self.constraint_of_local_row(singular.0),
-                iterations: 0,
-                residual: 0.0,
-            })?;
-            // These are not the factors of a Newton step.
-            self.factored = false;
-        }
-        // ν less what the placed bodies' velocities contribute; then twice more for what is left of it, as
-        // the factors may be those of the step before (each pass takes its error to the next power).
-        for &body in &self.bodies {
-            twists[body] = Twist::ZERO;
-        }
-        for _ in 0..if exact { 1 } else { 3 } {
-            let mut at = 0;
-            let mut nu = [0.0; ROWS_MAX];
-            for &(c, first, count, _, _) in &self.constraints {
-                let constraint = &mechanism.constraints()[c];
-                constraint.velocity_right_side(drives, &mut nu);
-                let (i, j) = (&twists[constraint.i], &twists[constraint.j]);
-                let absolute = constraint.kind.is_absolute();
-                for (row, nu) in rows[first..first + count].iter().zip(&nu) {
-                    let own = along(&row.jac[6..], j);
-                    self.rhs[at] = nu - own - if absolute { 0.0 } else { along(&row.jac[..6], i) };
-                    at += 1;
-                }
-            }
-            self.lu.solve(&mut self.rhs);
-            for (&body, x) in self.bodies.iter().zip(self.rhs.chunks_exact(6)) {
-                let add = Twist::from_slice(x);
-                twists[body] = Twist { v: twists[body].v + add.v, omega: twists[body].omega + add.omega };
-            }
-        }
-        Ok(())
-    }
-
-    fn reactions(
-        &mut self,
-        mechanism: &Mechanism,
-        rows: &[Row],
-        load: &mut [f64],
-        lambda: &mut [f64],
-    ) -> Result<(), Failure> {
-        self.fill(rows);
-        self.lu.factor().map_err(|singular| Failure {
-            reason: Reason::Singular,
-            constraint: self.constraint_of_local_row(singular.0),
-            iterations: 0,
-            residual: 0.0,
-        })?;
-        self.factored = false;
-        self.pass_on(mechanism, rows, load, lambda);
-        Ok(())
-    }
-
-    /// λ of this block with the factors at hand, and what its constraints leave to bodies of earlier parts.
-    fn pass_on(&mut self, mechanism: &Mechanism, rows: &[Row], load: &mut [f64], lambda: &mut [f64]) {
-        for (&body, x) in self.bodies.iter().zip(self.rhs.chunks_exact_mut(6)) {
-            x.copy_from_slice(&load[6 * body..6 * body + 6]);
-        }
-        self.lu.solve_transposed(&mut self.rhs);
-        let mut at = 0;
-        for &(c, first, count, on_i, on_j) in &self.constraints {
-            lambda[first..first + count].copy_from_slice(&self.rhs[at..at + count]);
-            at += count;
-            let constraint = &mechanism.constraints()[c];
-            for (body, own, offset) in [(constraint.i, on_i, 0), (constraint.j, on_j, 6)] {
-                if own.is_some() || (offset == 0 && constraint.kind.is_absolute()) {
-                    continue;
-                }
-                for r in first..first + count {
-                    for k in 0..6 {
-                        load[6 * body + k] -= rows[r].jac[offset + k] * lambda[r];
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Row times a body's velocity.
-#[inline]
-fn along(jac: &[f64], twist: &Twist) -> f64 {
-    let (v, w) = (&twist.v, &twist.omega);
-    jac[0] * v.x + jac[1] * v.y + jac[2] * v.z + jac[3] * w.x + jac[4] * w.y + jac[5] * w.z
 }
 
 /// The parts in order, or `None` where some bodies or constraints fit in none.
@@ -431,7 +308,9 @@ fn order(mechanism: &Mechanism, design: &[Pose]) -> Option<Vec<Part>> {
     search.fixed();
     search.slides();
     while search.placed.contains(&false) {
-        search.block()?;
+        if !search.hinge() {
+            search.block()?;
+        }
     }
     (!search.used.contains(&false)).then_some(search.parts)
 }
@@ -489,6 +368,40 @@ impl Search<'_> {
         }
     }
 
+    /// A body hinged on a fixed body with one more equation to placed bodies, if there is one.
+    fn hinge(&mut self) -> bool {
+        let all = self.mechanism.constraints();
+        for (revolute, r) in all.iter().enumerate() {
+            let Kind::Revolute { on_i, on_j } = &r.kind else { continue };
+            let fixed = self.parts.iter().any(|p| matches!(p, Part::Fixed { body, .. } if *body == r.i));
+            if self.placed[r.j] || !fixed {
+                continue;
+            }
+            let on = self.constraints_on(&[r.j]);
+            let [a, b] = on[..] else { continue };
+            let tie = if a == revolute { b } else { a };
+            if !matches!(all[tie].kind, Kind::Distance { .. }) || (a != revolute && b != revolute) {
+                continue;
+            }
+            let (base, design) = (&self.design[r.i], &self.design[r.j]);
+            let (revolute_row, tie_row) = (self.mechanism.first_row(revolute), self.mechanism.first_row(tie));
+            let hinge = Hinge::new(
+                r.j,
+                (revolute, revolute_row),
+                (tie, tie_row),
+                all[tie].j == r.j,
+                base,
+                design,
+                [on_i, on_j],
+            );
+            self.placed[r.j] = true;
+            (self.used[revolute], self.used[tie]) = (true, true);
+            self.parts.push(Part::Hinge(Box::new(hinge)));
+            return true;
+        }
+        false
+    }
+
     /// The next smallest set of bodies with as many rows as coordinates.
     fn block(&mut self) -> Option<()> {
         let left: Vec<usize> = (0..self.placed.len()).filter(|b| !self.placed[*b]).collect();
@@ -543,8 +456,10 @@ impl Search<'_> {
             constraints,
             lu: DenseLu::new(n),
             rhs: vec![0.0; n],
+            given: vec![0.0; n],
             design_positive: true,
             factored: false,
+            away: 0.0,
         }
     }
 }

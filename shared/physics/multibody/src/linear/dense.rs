@@ -57,15 +57,8 @@ impl DenseLu {
         };
         *row_of = std::array::from_fn(|k| k);
         let mut odd = false;
-        // Column by column in step, which compiles to vector instructions.
-        let mut largest = [0.0_f64; N];
-        for row in a.iter() {
-            for c in 0..N {
-                let size = row[c].abs();
-                largest[c] = if size > largest[c] { size } else { largest[c] };
-            }
-        }
-        let scale = largest.iter().fold(0.0_f64, |m, x| if *x > m { *x } else { m });
+        // The largest pivot so far stands for the size of the matrix.
+        let mut scale = 0.0_f64;
         for k in 0..N {
             let mut best = k;
             for i in k + 1..N {
@@ -74,6 +67,7 @@ impl DenseLu {
                 }
             }
             let pivot = a[best][k];
+            scale = scale.max(pivot.abs());
             // Negated so that NaN counts as singular.
             if !(pivot.abs() > PIVOT_MIN * scale) {
                 return Err(SingularRow(row_of[best]));

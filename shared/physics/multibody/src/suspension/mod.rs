@@ -427,8 +427,12 @@ fn rigid(axle: &Axle, path: SolverPath) -> Result<Assembled, AssemblyError> {
         Stage::new(&name, builder.mechanism(), &builder.design, &drives, path)
     };
     let kinematic = stage("kinematic", &model.kinematic)?;
-    let reaction = Box::new(stage("reaction", &model.reaction)?);
-    let solver = Solver::Rigid { kinematic, reaction, follow: model.follow };
+    let mut reaction = Box::new(stage("reaction", &model.reaction)?);
+    let body =
+        |follow: &model::Follow| if let model::Follow::Same(body) = follow { Some(*body) } else { None };
+    let same: Vec<Option<usize>> = model.follow.iter().map(body).collect();
+    let shared = kinematic.share_rows(&mut reaction, &same);
+    let solver = Solver::Rigid { kinematic, reaction, follow: model.follow, shared };
     Ok((solver, model.sides, model.bar, model.kinematic.design, Vec::new()))
 }
 

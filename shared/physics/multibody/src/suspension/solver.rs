@@ -11,12 +11,13 @@ use crate::mechanism::Mechanism;
 
 use super::model::{BODY, Follow, RACK};
 use super::stage::Stage;
+use crate::structured::Shared;
 
 /// Solvers with their workspace.
 #[derive(Debug, Clone)]
 pub(super) enum Solver {
     /// Pose first, then forces at that pose.
-    Rigid { kinematic: Stage, reaction: Box<Stage>, follow: Vec<Follow> },
+    Rigid { kinematic: Stage, reaction: Box<Stage>, follow: Vec<Follow>, shared: Vec<Shared> },
     /// Both at once.
     Elastic { equilibrium: Box<Equilibrium>, wrenches: Vec<Wrench>, rack_design: Vector3<f64> },
 }
@@ -103,7 +104,10 @@ impl Solver {
         lambda: &mut [f64],
     ) -> Result<(), Failure> {
         match self {
-            Self::Rigid { reaction, .. } => reaction.reactions(poses, drives, load, lambda),
+            Self::Rigid { kinematic, reaction, shared, .. } => {
+                reaction.borrow_rows(kinematic.rows(), shared);
+                reaction.reactions(poses, drives, load, lambda)
+            }
             Self::Elastic { equilibrium, .. } => {
                 lambda.copy_from_slice(equilibrium.lambda());
                 Ok(())

@@ -5,7 +5,7 @@ use crate::constraint::{Drive, Row};
 use crate::failure::{AssemblyError, Failure, Solved};
 use crate::kinematics::{Kinematics, Limits};
 use crate::mechanism::Mechanism;
-use crate::structured::Structured;
+use crate::structured::{Shared, Structured};
 
 use super::SolverPath;
 
@@ -44,6 +44,22 @@ impl Stage {
         match self {
             Self::General(general) => general.rows(),
             Self::Structured(structured) => structured.rows(),
+        }
+    }
+
+    /// Rows that this stage evaluates for a pose and that `other` needs too; `other` is from now on given
+    /// them by [`Self::borrow_rows`]. `same`: this stage's body for each body of the other.
+    pub fn share_rows(&self, other: &mut Self, same: &[Option<usize>]) -> Vec<Shared> {
+        match (self, other) {
+            (Self::Structured(one), Self::Structured(other)) => one.share_rows(other, same),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Takes over the rows in common.
+    pub fn borrow_rows(&mut self, from: &[Row], shared: &[Shared]) {
+        if let Self::Structured(structured) = self {
+            structured.borrow_rows(from, shared);
         }
     }
 
