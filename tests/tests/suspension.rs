@@ -174,8 +174,13 @@ fn check_compliant(file: &str) {
     };
     let folder = TempDir::new().unwrap();
     let mut axle = Axle::from_hardpoint_json(&std::fs::read_to_string(points).unwrap(), "dw_sedan").unwrap();
-    let bushing =
-        Bushing { radial_n_per_m: 8e6, axial_n_per_m: 1e6, torsional_n_m_per_rad: 50.0, axis: None };
+    let bushing = Bushing {
+        radial_n_per_m: 8e6,
+        axial_n_per_m: 1e6,
+        torsional_n_m_per_rad: 50.0,
+        axis: None,
+        damping: None,
+    };
     let all = ["uca_front", "uca_rear", "lca_front", "lca_rear"];
     let all: BTreeMap<_, _> = all.iter().map(|name| ((*name).to_owned(), bushing.clone())).collect();
     axle.bushings = Some(all);

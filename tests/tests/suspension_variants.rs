@@ -522,7 +522,7 @@ fn bushed_double_wishbones_balance() {
         let names = ["uca_front", "uca_rear", "lca_front", "lca_rear"];
         let bushing = |k: usize| {
             let [radial_n_per_m, axial_n_per_m, torsional_n_m_per_rad] = stiffness(k);
-            Bushing { radial_n_per_m, axial_n_per_m, torsional_n_m_per_rad, axis: None }
+            Bushing { radial_n_per_m, axial_n_per_m, torsional_n_m_per_rad, axis: None, damping: None }
         };
         axle.bushings = Some(names.iter().enumerate().map(|(k, n)| ((*n).to_owned(), bushing(k))).collect());
         let table = solve(&toml::to_string(&axle).unwrap(), "toml", &input(20, 0.03, 0.04, seed));

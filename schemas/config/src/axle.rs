@@ -320,6 +320,23 @@ pub struct Bushing {
     /// The bushing's axis on the left side (mirrored on the right); absent: the line from the arm's rear to
     /// its front body point. Required where the arm has one body point only (links).
     pub axis: Option<[f64; 3]>,
+    /// Damping beside the stiffness; absent: none. Acts where the solver is told the time between its ticks.
+    pub damping: Option<BushingDamping>,
+}
+
+/// Viscous damping of a bushing, along and about the axes of its stiffness.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BushingDamping {
+    /// Across the bushing's axis. [N s/m], [0, 1e7]
+    #[schemars(range(min = 0.0, max = 1e7))]
+    pub radial_n_s_per_m: f64,
+    /// Along the bushing's axis. [N s/m], [0, 1e7]
+    #[schemars(range(min = 0.0, max = 1e7))]
+    pub axial_n_s_per_m: f64,
+    /// Against rotation, the same about every axis. [N m s/rad], [0, 1e4]
+    #[schemars(range(min = 0.0, max = 1e4))]
+    pub torsional_n_m_s_per_rad: f64,
 }
 
 /// Friction about the kingpin axis, smooth at reversal.
@@ -588,6 +605,18 @@ impl Axle {
                 }
                 let holds = (0.0..=1e6).contains(&bushing.torsional_n_m_per_rad);
                 c.require(holds, "torsional_n_m_per_rad", "must be in [0, 1e6] N m/rad");
+                if let Some(damping) = &bushing.damping {
+                    c.within("damping", |c| {
+                        for (key, value, high, unit) in [
+                            ("radial_n_s_per_m", damping.radial_n_s_per_m, 1e7, "N s/m"),
+                            ("axial_n_s_per_m", damping.axial_n_s_per_m, 1e7, "N s/m"),
+                            ("torsional_n_m_s_per_rad", damping.torsional_n_m_s_per_rad, 1e4, "N m s/rad"),
+                        ] {
+                            let rule = format!("must be in [0, {high}] {unit}");
+                            c.require((0.0..=high).contains(&value), key, rule);
+                        }
+                    });
+                }
                 let needs_axis = matches!(self.geometry, Geometry::FiveLink(_));
                 c.require(bushing.axis.is_some() || !needs_axis, "axis", "must be given for a link");
                 if let Some(axis) = bushing.axis {

@@ -62,6 +62,7 @@ impl MultibodyNode {
         (last.used_rig_measurement, last.used_vehicle_state) = (NO_TICK, NO_TICK);
         let ball_design_m = [output.side[0].tie_rod_ball_m.z, output.side[1].tie_rod_ball_m.z];
         suspension.reset();
+        suspension.set_period(Some(resolved.scenario.timing.period_s()));
         Ok(MultibodyNode {
             suspension,
             output,

@@ -8,10 +8,12 @@
 //!
 //! Bushing: force on the arm −K d, d the displacement of the arm's point from the body's; moment −k_t φ, φ
 //! the arm's rotation vector from design. Torsion spring: moments ∓k(θ₁ − θ₂) about a common hinge axis.
-//! Both give back what they take (no loss). Fixed bodies: those without coordinates here, posed by the
+//! Both give back what they take (no loss). With a time between ticks, dampers act beside the bushings: force
+//! −C (d − d₋)/h and moment −c_t ψ/h, d₋ and ψ the displacement at and the rotation since the tick before —
+//! implicit Euler, which takes energy out at any h. Fixed bodies: those without coordinates here, posed by the
 //! caller.
 
-use spatial::{Matrix3, Vector3, Wrench, skew};
+use spatial::{EulerParameters, Matrix3, Vector3, Wrench, skew};
 
 use crate::body::{Placed, Pose, Twist};
 use crate::constraint::{Drive, Kind, Row};
@@ -32,6 +34,17 @@ pub(crate) struct BushingElement {
     pub stiffness: Matrix3<f64>,
     /// Against rotation. [N m/rad]
     pub torsion: f64,
+    /// Damping in the global frame. [N s/m]
+    pub damping: Matrix3<f64>,
+    /// Against rotation. [N m s/rad]
+    pub torsion_damping: f64,
+}
+
+/// Where a bushing was at the tick before.
+#[derive(Debug, Clone, Copy)]
+struct Before {
+    displacement: Vector3<f64>,
+    attitude: EulerParameters,
 }
 
 /// A torsion spring between two bodies hinged on the ground about the same fixed axis.
@@ -49,10 +62,12 @@ pub(crate) struct Carrier {
     pub driver: usize,
 }
 
-/// Largest imbalance accepted, relative to 1 N or 1 N m plus the largest load.
+/// Largest imbalance accepted, relative to the largest load (at least 1 N or 1 N m).
 const BALANCE: f64 = 1e-10;
 /// Largest last step after which the pose is accepted. [m or rad]
 const STEP: f64 = 1e-7;
+/// What rounding of a coordinate leaves of the balance, per stiffness: no imbalance below is asked for. [m]
+const ROUNDING: f64 = 2e-15;
 const PHI: f64 = 1e-12;
 const ITERATIONS: u32 = 10;
 
@@ -66,6 +81,9 @@ pub(crate) struct Equilibrium {
     /// bodies.
     multiplier: Vec<Option<usize>>,
     bushings: Vec<BushingElement>,
+    before: Vec<Before>,
+    /// One over the time since the tick before; 0: no dampers. [1/s]
+    rate: f64,
     torsion: Option<TorsionElement>,
     carriers: Vec<Carrier>,
     order: usize,
@@ -83,6 +101,8 @@ pub(crate) struct Equilibrium {
     lambda: Vec<f64>,
     /// Balance rows are divided by, and multipliers counted in, this stiffness: entries of like size.
     scale: f64,
+    /// Largest damping. [N s/m]
+    damping_scale: f64,
     /// Length at which each carrier is locked; free (driver) where `None`. [m]
     lock: Vec<Option<f64>>,
 }
@@ -131,11 +151,17 @@ impl Equilibrium {
             rows: vec![Row::ZERO; mechanism.rows()],
             lambda: vec![0.0; mechanism.rows()],
             scale: bushings.iter().fold(1.0, |m: f64, b| m.max(b.stiffness.amax())),
+            damping_scale: bushings.iter().fold(0.0, |m: f64, b| m.max(b.damping.amax())),
             lock: vec![None; carriers.len()],
             placed: design.iter().map(Placed::new).collect(),
             mechanism,
             column,
             multiplier,
+            before: vec![
+                Before { displacement: Vector3::zeros(), attitude: EulerParameters::IDENTITY };
+                bushings.len()
+            ],
+            rate: 0.0,
             bushings,
             torsion,
             carriers,
@@ -200,6 +226,20 @@ impl Equilibrium {
 
     pub fn bushings(&self) -> &[BushingElement] {
         &self.bushings
+    }
+
+    /// Lets the dampers act against the motion from these poses, `rate` being one over the time since. [1/s]
+    pub fn set_damping(&mut self, rate: f64, before: &[Pose]) {
+        self.rate = rate;
+        for (to, bushing) in self.before.iter_mut().zip(&self.bushings) {
+            let pose = &before[bushing.body];
+            *to = Before { displacement: pose.point(&bushing.s) - bushing.anchor, attitude: pose.p };
+        }
+    }
+
+    /// Leaves the dampers out.
+    pub fn no_damping(&mut self) {
+        self.rate = 0.0;
     }
 
     /// Locks each carrier at a length, or leaves it to its driver. [m]
@@ -336,26 +376,42 @@ impl Equilibrium {
 
     fn assemble_bushings(&mut self) {
         for b in 0..self.bushings.len() {
-            let BushingElement { body, s, anchor, stiffness, torsion } = self.bushings[b].clone();
-            let Some(at) = self.column[body] else { continue };
-            let placed = self.placed[body];
-            let force = -stiffness * (placed.point(&s) - anchor);
-            let local = placed.a.tr_mul(&force);
+            let BushingElement { body, s, anchor, stiffness, torsion, damping, torsion_damping } =
+                &self.bushings[b];
+            let Some(at) = self.column[*body] else { continue };
+            let placed = self.placed[*body];
+            let displacement = placed.point(s) - anchor;
             let phi = placed.p.rotation_vector();
-            let moment = s.cross(&local) - torsion * phi;
+            let mut force = -stiffness * displacement;
+            let mut turned = -*torsion * phi;
+            // The rotation vector's rate in the body frame: φ̇ = (I + ½φ̃ + φ̃²/12 + …) ω'.
+            let rate = |phi: &Vector3<f64>| {
+                let phi = skew(phi);
+                Matrix3::identity() + 0.5 * phi + phi * phi / 12.0
+            };
+            let mut against_turning = *torsion * rate(&phi);
+            let mut stiffness = *stiffness;
+            if self.rate > 0.0 {
+                let before = &self.before[b];
+                let since = before.attitude.relative_to(placed.p).rotation_vector();
+                force -= self.rate * (damping * (displacement - before.displacement));
+                turned -= self.rate * *torsion_damping * since;
+                against_turning += self.rate * *torsion_damping * rate(&since);
+                stiffness += self.rate * damping;
+            }
+            let s = *s;
+            let local = placed.a.tr_mul(&force);
+            let moment = s.cross(&local) + turned;
             for k in 0..3 {
                 self.rhs[at + k] += force[k];
                 self.rhs[at + 3 + k] += moment[k];
             }
             let turn = placed.a * skew(&s);
             let arm = skew(&s) * placed.a.transpose() * stiffness;
-            // The rotation vector's rate in the body frame: φ̇ = (I + ½φ̃ + φ̃²/12 + …) ω'.
-            let phi_skew = skew(&phi);
-            let rate = Matrix3::identity() + 0.5 * phi_skew + phi_skew * phi_skew / 12.0;
             self.add(at, at, &stiffness);
             self.add(at, at + 3, &(-stiffness * turn));
             self.add(at + 3, at, &arm);
-            self.add(at + 3, at + 3, &(-arm * turn - skew(&s) * skew(&local) + torsion * rate));
+            self.add(at + 3, at + 3, &(-arm * turn - skew(&s) * skew(&local) + against_turning));
         }
     }
 
@@ -420,7 +476,8 @@ impl Equilibrium {
             };
             let worst = worst + self.bodies_order;
             let strongest = load.iter().chain(&self.lambda).fold(1.0_f64, |m, x| m.max(x.abs()));
-            if residual <= PHI && imbalance <= BALANCE * strongest && step <= STEP {
+            let balanced = BALANCE * strongest + ROUNDING * (self.scale + self.rate * self.damping_scale);
+            if residual <= PHI && imbalance <= balanced && step <= STEP {
                 if self.determinant_positive() != self.design_positive {
                     return Err(failure(self, Reason::WrongBranch, worst));
                 }

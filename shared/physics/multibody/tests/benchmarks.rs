@@ -1,6 +1,9 @@
 //! Forward dynamics against closed forms: pendulum, double pendulum, slider-crank, Bennett's four-bar,
-//! heavy top. Energy and constraint drift over 100 s are stated for each.
+//! heavy top. Energy and constraint drift over 100 s are stated for each, and drawn: with `KINGPIN_DRIFT=FOLDER` set,
+//! each writes its curves to FOLDER as an SVG of its own.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
+
+mod drift_plot;
 
 use std::f64::consts::{PI, TAU};
 
@@ -42,6 +45,8 @@ fn revolute(
 struct Drift {
     energy: f64,
     constraint: f64,
+    /// Time, energy change, |Φ|. [s, -, m]
+    curve: Vec<[f64; 3]>,
 }
 
 /// Runs for `seconds`; the largest energy change relative to `scale` [J] and the largest |Φ| on the way.
@@ -53,14 +58,16 @@ fn run(
     mut each: impl FnMut(f64, &Dynamics),
 ) -> Drift {
     let start = dynamics.energy_j();
-    let mut drift = Drift { energy: 0.0, constraint: 0.0 };
+    let mut drift = Drift { energy: 0.0, constraint: 0.0, curve: Vec::new() };
     let steps = (seconds / h).round() as u64;
     for k in 1..=steps {
         dynamics.step(h).unwrap();
         each(k as f64 * h, dynamics);
         if k % 50 == 0 {
-            drift.energy = drift.energy.max((dynamics.energy_j() - start).abs() / scale);
-            drift.constraint = drift.constraint.max(dynamics.violation());
+            let (energy, constraint) = ((dynamics.energy_j() - start) / scale, dynamics.violation());
+            drift.energy = drift.energy.max(energy.abs());
+            drift.constraint = drift.constraint.max(constraint);
+            drift.curve.push([k as f64 * h, energy, constraint]);
         }
     }
     drift
@@ -104,6 +111,7 @@ fn simple_pendulum_has_the_period_of_the_elliptic_integral() {
     });
     // The first upward passage is at ¾ T.
     let measured = last / (f64::from(crossings) - 0.25);
+    drift_plot::draw("simple pendulum", &drift.curve);
     println!(
         "pendulum: period {measured:.9} s, closed form {period:.9} s; over 100 s energy drift {:.1e} of m g l, constraints {:.1e}",
         drift.energy, drift.constraint
@@ -176,6 +184,7 @@ fn double_pendulum_follows_lagranges_equations() {
         let [r1, r2] = at(x[0], x[1]);
         worst = worst.max((d.poses()[1].r - r1).norm()).max((d.poses()[2].r - r2).norm());
     });
+    drift_plot::draw("double pendulum", &drift.curve);
     println!(
         "double pendulum: off Lagrange's by {worst:.1e} m over 5 s; over 100 s energy drift {:.1e} of 3 m g l, constraints {:.1e}",
         drift.energy, drift.constraint
@@ -242,6 +251,7 @@ fn slider_crank_keeps_its_closed_form_and_its_energy() {
         let (_, slider) = geometry(2.0 * p.e.z.atan2(p.e0));
         worst = worst.max((d.poses()[3].r - slider).norm());
     });
+    drift_plot::draw("slider-crank", &drift.curve);
     println!(
         "slider-crank: off the closed form by {worst:.1e} m; over 100 s energy drift {:.1e}, constraints {:.1e}",
         drift.energy, drift.constraint
@@ -376,6 +386,7 @@ fn bennetts_four_bar_moves_although_it_should_not() {
         distances(b_now, c_now, pa, pd),
         distances(end.points[1], end.points[2], end.points[0], end.points[3]),
     );
+    drift_plot::draw("Bennett's four-bar", &drift.curve);
     println!(
         "Bennett: swings over {swing:.2} rad; the joint left out stays met to {worst:.1e}; diagonals {now:.9?} for {closed_form:.9?}; over 100 s energy drift {:.1e} of 50 J, constraints {:.1e}",
         drift.energy, drift.constraint
@@ -422,6 +433,7 @@ fn heavy_top_precesses_steadily() {
     });
     let off = angle / (precession * seconds) - 1.0;
     let momentum_off = momentum(&dynamics) / start - 1.0;
+    drift_plot::draw("heavy top", &drift.curve);
     println!(
         "heavy top: precession {precession:.4} rad/s off by {off:.1e}, tilt by {tilt:.1e} rad, vertical momentum by {momentum_off:.1e}; over 100 s energy drift {:.1e}, constraints {:.1e}",
         drift.energy, drift.constraint

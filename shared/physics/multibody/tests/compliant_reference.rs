@@ -16,8 +16,13 @@ fn compliant(file: &str) {
     };
     let table = Table::parse(&text);
     let mut axle = Axle::from_hardpoint_json(&hardpoints, "dw_sedan").unwrap();
-    let bushing =
-        Bushing { radial_n_per_m: 8e6, axial_n_per_m: 1e6, torsional_n_m_per_rad: 50.0, axis: None };
+    let bushing = Bushing {
+        radial_n_per_m: 8e6,
+        axial_n_per_m: 1e6,
+        torsional_n_m_per_rad: 50.0,
+        axis: None,
+        damping: None,
+    };
     let points = ["uca_front", "uca_rear", "lca_front", "lca_rear"];
     axle.bushings =
         Some(points.map(|name| (name.to_owned(), bushing.clone())).into_iter().collect::<BTreeMap<_, _>>());
@@ -106,6 +111,7 @@ fn stiff_bushings_approach_the_rigid_axle() {
                 axial_n_per_m: stiffness,
                 torsional_n_m_per_rad: 1e-2,
                 axis,
+                damping: None,
             };
             // The spring stands beside its link's line: no bushing holds the link against turning about it.
             let points = soft.geometry.body_points().iter().filter(|point| **point != "lower_front_inner");

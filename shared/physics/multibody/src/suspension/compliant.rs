@@ -232,6 +232,11 @@ impl Compliant<'_> {
         let axes = triad_along(&axis).ok_or_else(|| degenerate(&format!("the bushing {name}")))?;
         let radial = bushing.radial_n_per_m;
         let along = Matrix3::from_diagonal(&Vector3::new(radial, radial, bushing.axial_n_per_m));
+        let damping = bushing
+            .damping
+            .as_ref()
+            .map_or((0.0, 0.0, 0.0), |d| (d.radial_n_s_per_m, d.axial_n_s_per_m, d.torsional_n_m_s_per_rad));
+        let damping_along = Matrix3::from_diagonal(&Vector3::new(damping.0, damping.0, damping.1));
         let anchor = points.at(name);
         self.bushings.push(BushingElement {
             body,
@@ -239,6 +244,8 @@ impl Compliant<'_> {
             anchor,
             stiffness: axes * along * axes.transpose(),
             torsion: bushing.torsional_n_m_per_rad,
+            damping: axes * damping_along * axes.transpose(),
+            torsion_damping: damping.2,
         });
         let place = self.axle.geometry.body_points().iter().position(|known| *known == name);
         self.names.push((points.name(name), points.side, place.unwrap_or_default()));

@@ -95,6 +95,8 @@ pub struct Suspension {
     load: Vec<f64>,
     lambda: Vec<f64>,
     friction: Option<[KingpinFriction; 2]>,
+    /// Time between ticks; `None`: every tick is an equilibrium at rest. [s]
+    period_s: Option<f64>,
     input: SuspensionInput,
     good: SuspensionOutput,
     held_ticks: u64,
@@ -138,6 +140,7 @@ impl Suspension {
             design,
             solver,
             friction,
+            period_s: None,
             input: SuspensionInput::DESIGN,
             good: SuspensionOutput::default(),
             held_ticks: 0,
@@ -211,6 +214,12 @@ impl Suspension {
             equilibrium.set_lock(side, length_m.map(|length| length[side]));
         }
         true
+    }
+
+    /// Tells the time between ticks, which the bushings' dampers need; `None` (as at first): quasi-static,
+    /// without dampers. A setting, not state. [s], > 0
+    pub fn set_period(&mut self, period_s: Option<f64>) {
+        self.period_s = period_s.filter(|period| period.is_finite() && *period > 0.0);
     }
 
     /// Body by body, what load and constraint forces of the last tick leave unbalanced: [force, moment] per
@@ -316,6 +325,10 @@ impl Suspension {
             return Err(failure(Reason::NotFinite));
         }
         let last = self.input;
+        if let (Solver::Elastic { equilibrium, .. }, Some(period_s)) = (&mut self.solver, self.period_s) {
+            // Ticks that were held have passed too.
+            equilibrium.set_damping(1.0 / (period_s * (self.held_ticks + 1) as f64), &self.poses);
+        }
         let total = match self.pose(&last, input, false) {
             Ok(solved) => solved,
             // A last pose near a dead point may be a bad place to start from; the design pose never is.
@@ -382,6 +395,10 @@ impl Suspension {
     /// Velocities and forces at the trial pose; writes `good`. `fresh` unless it has just been solved.
     fn forces(&mut self, input: &SuspensionInput, fresh: bool) -> Result<(), Failure> {
         let drives = drives(&self.sides, input);
+        if let Solver::Elastic { equilibrium, .. } = &mut self.solver {
+            // Velocities are those at which the dampers' forces do not change.
+            equilibrium.no_damping();
+        }
         self.solver.velocity(&self.trial, &drives, &self.load, fresh, &mut self.twists)?;
         if self.sides.iter().any(|s| matches!(s.steering_axis, model::SteeringAxis::Instantaneous)) {
             let mut unit = drives;
