@@ -22,6 +22,8 @@ pub struct Args {
 pub enum Command {
     /// Run a scenario: closed loop, log, summary and report
     Run(RunArgs),
+    /// Run a standard's procedure and judge it: weave, steady circle, step, lane change, sine with dwell ...
+    Procedure(ProcedureArgs),
     /// Make the report of a run again
     Report(ReportArgs),
     /// List what is shipped: scenarios, cars, suspensions, tyres, rigs, steering units
@@ -96,6 +98,95 @@ pub enum Lockstep {
     Process,
     /// As the set of processes that also runs in real time
     Set,
+}
+
+/// Arguments of `procedure`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = "\
+A procedure runs its scenario in lockstep (or with --real-time by the clock), prints the conditions that the \
+standard asks for with what was achieved, the figures, and pass or fail where the rule has a limit. A figure \
+whose conditions were not met is withheld with the reason. weave and step are run again with another amplitude \
+until the lateral acceleration is the standard's. sine-with-dwell first finds the angle A at 0.3 g.
+
+Written: procedure.html (plots and tables), procedure.json, and each run's log, summary and report.
+
+Examples:
+  kingpin procedure weave
+  kingpin procedure weave --set unit_file=\"rack_eps\" --out weave_rack_eps
+  kingpin procedure sine-with-dwell --factor 5 --factor 6.5 --both-sides
+  kingpin procedure step --log runs/step_100-20260101-120000      judge a run that is there
+Exit code 1: a rule broken or a condition not met.")]
+pub struct ProcedureArgs {
+    /// Which
+    #[arg(value_enum)]
+    pub procedure: ProcedureName,
+    /// Judge this run (directory or log file) instead of making one
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "real_time", "set", "scenario"])]
+    pub log: Option<PathBuf>,
+    /// Another scenario that steers as the procedure asks
+    #[arg(long, value_name = "SCENARIO")]
+    pub scenario: Option<String>,
+    /// Directory for the results [default: runs/procedure-<name>]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace a value, as in `run`
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub set: Vec<String>,
+    /// By the clock, as the set of processes, instead of in lockstep
+    #[arg(long)]
+    pub real_time: bool,
+    /// Take the scenario's amplitude as it is, do not adapt it
+    #[arg(long)]
+    pub as_is: bool,
+    /// sine-with-dwell: amplitudes in multiples of A [default: 1.5 to 6.5 in steps of 0.5]
+    #[arg(long, value_name = "N")]
+    pub factor: Vec<f64>,
+    /// sine-with-dwell: both directions
+    #[arg(long)]
+    pub both_sides: bool,
+    /// sine-with-dwell with --log: hand-wheel angle A that gives 0.3 g [deg]
+    #[arg(long, value_name = "DEG")]
+    pub angle_at_0_3_g_deg: Option<f64>,
+    /// Lane changes: from the front axle to the front bumper [m]
+    #[arg(long, default_value_t = 0.9, value_name = "M")]
+    pub front_overhang_m: f64,
+    /// Lane changes: from the rear axle to the rear bumper [m]
+    #[arg(long, default_value_t = 1.0, value_name = "M")]
+    pub rear_overhang_m: f64,
+    /// Name of the bench
+    #[arg(long, default_value = "procedure", value_name = "NAME")]
+    pub name: String,
+    /// No report.html of the single runs
+    #[arg(long)]
+    pub no_report: bool,
+    /// Print the result as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Procedures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ProcedureName {
+    /// On-centre weave, ISO 13674-1: 100 km/h, 0.2 Hz, 2 m/s²
+    Weave,
+    /// Slow friction ramp, 0.02 Hz, 50 km/h
+    SlowRamp,
+    /// Steady circle at constant radius, ISO 4138
+    SteadyCircle,
+    /// Steady turning at constant speed, ISO 4138
+    SteadySpeed,
+    /// Step input, ISO 7401 clause 10: 100 km/h, 4 m/s²
+    Step,
+    /// Random input, ISO 7401 clause 12: frequency response
+    Random,
+    /// Double lane change, ISO 3888-1
+    LaneChange,
+    /// Obstacle avoidance, ISO 3888-2
+    ObstacleAvoidance,
+    /// Sine with dwell, FMVSS 126 / ISO 19365
+    SineWithDwell,
+    /// Release of the hand wheel in a turn, ISO 17288-1
+    Returnability,
 }
 
 /// Arguments of `report`.

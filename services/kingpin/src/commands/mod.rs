@@ -2,6 +2,7 @@
 
 mod configuration;
 mod log;
+mod procedure;
 mod run;
 mod service;
 mod summary;
@@ -24,6 +25,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Recover(args) => log::recover(&args),
         Command::Export(args) => log::export(&args),
         Command::Compare(args) => log::compare(&args),
+        Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {

@@ -81,13 +81,15 @@ impl Path {
                     .collect();
                 Self { node_m, nodes }
             }
-            DriverPath::DoubleLaneChangeIso3888Part1 { straight_m, .. } => {
-                // ISO 3888-1: sections of 15, 30, 25, 25, 15 and 15 m, lanes 3.5 m apart (taken between
-                // their middles). The driver uses the ends of the gates, 7 m (9 m after the last change).
-                let from = |m: f64| straight_m + m;
+            DriverPath::DoubleLaneChangeIso3888Part1 { straight_m, vehicle_width_m } => {
+                // ISO 3888-1: sections of 15, 30, 25, 25, 15 and 15 m; widths 1.1 b, 1.2 b and 1.3 b, each + 0.25 m;
+                // the middle lane's right edge lies 3.5 m left of the outer ones'. Along the lanes' middles; the
+                // driver uses the ends of the lanes, 5 to 7 m of each.
+                let [b, from] = [*vehicle_width_m, *straight_m];
+                let [aside, back] = [3.5 + 0.05 * b, 0.1 * b];
                 Self::through(
-                    vec![0.0, from(8.0), from(52.0), from(63.0), from(104.0), from(125.0)],
-                    vec![0.0, 0.0, 3.5, 3.5, 0.0, 0.0],
+                    vec![0.0, from + 9.0, from + 50.0, from + 64.0, from + 102.0, from + 125.0],
+                    vec![0.0, 0.0, aside, aside, back, back],
                 )
             }
             DriverPath::ObstacleAvoidanceIso3888Part2 { straight_m, vehicle_width_m } => {
@@ -98,7 +100,7 @@ impl Path {
                 let aside = 0.5 * first + 1.0 + 0.5 * middle;
                 let back = 0.5 * (last - first);
                 Self::through(
-                    vec![0.0, from + 9.0, from + 28.5, from + 33.5, from + 52.0, from + 61.0],
+                    vec![0.0, from + 10.5, from + 26.5, from + 35.5, from + 50.5, from + 61.0],
                     vec![0.0, 0.0, aside, aside, back, back],
                 )
             }

@@ -140,13 +140,19 @@ impl Condition {
 impl std::fmt::Display for Condition {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Condition { name, achieved, least, most, unit } = self;
-        write!(f, "{name} {achieved:.4} {unit}, ")?;
+        let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
+        write!(f, "{name} {}{unit}, ", rounded(*achieved))?;
         match (least.is_finite(), most.is_finite()) {
-            (true, true) => write!(f, "to lie in {least} to {most}"),
-            (true, false) => write!(f, "at least {least}"),
-            _ => write!(f, "at most {most}"),
+            (true, true) => write!(f, "to lie in {} to {}", rounded(*least), rounded(*most)),
+            (true, false) => write!(f, "at least {}", rounded(*least)),
+            _ => write!(f, "at most {}", rounded(*most)),
         }
     }
+}
+
+/// Four decimals at most.
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
 }
 
 /// A figure.

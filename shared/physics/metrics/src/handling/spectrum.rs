@@ -99,10 +99,10 @@ mod tests {
 
     #[test]
     fn a_first_order_lag_has_its_gain_and_phase() {
-        let (t, tau) = (5e-3, 0.15);
+        let (t, tau) = (5e-3_f64, 0.15);
         let input = noise(40_000);
         // Exact response of the lag to a held input, so the phase has half a sample of hold in it.
-        let decay = (-t / tau as f64).exp();
+        let decay = (-t / tau).exp();
         let mut y = 0.0;
         let output: Vec<f64> = input
             .iter()
