@@ -202,10 +202,11 @@ fn main() {
     for (index, (name, _)) in AXLES.iter().enumerate() {
         let mut structured = Drive::new(&axles[index], SolverPath::Structured);
         let mut general = Drive::new(&axles[index], SolverPath::General);
-        // As many factorisations as the ticks turn out to need: two Newton steps and one for the forces.
+        // As many factorisations as a tick needs. Structured: one a side for the pose, which the chord steps use
+        // again, and one a side for the forces. General: two Newton steps and one for the forces.
         let order = structured.suspension.describe().kinematic.coordinates;
         let order_forces = structured.suspension.describe().reaction.coordinates;
-        let parts = 2 * (order / 6 - 2) + (order_forces / 6 - 2);
+        let parts = 4;
         let mut bare_structured = bare_blocks(parts);
         let mut bare_general = bare_dense(order, 2, order_forces);
         let structured_name = format!("bare: {parts} × dense 6");

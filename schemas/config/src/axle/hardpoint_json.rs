@@ -1,7 +1,8 @@
 //! The plain hardpoint JSON format: points by name, both sides listed, SI.
 //!
-//! Unknown keys at the top level (`frame`, `source`, …) are descriptions and are left alone; everything
-//! that is read is checked, and all that is wrong is reported together.
+//! Other keys at the top level (`frame`, `source`, …) are descriptions and are left alone, but not one that looks
+//! like a key misspelt: without its stiffness a stabiliser would silently be missing. Everything that is read is
+//! checked, and all that is wrong is reported together.
 
 use serde_json::Value;
 
@@ -10,6 +11,24 @@ use super::{
     StabiliserPoints, Strut, StrutPoints, StrutReactionLine,
 };
 use crate::Broken;
+
+/// Keys that mean something at the top level.
+const KEYS: [&str; 12] = [
+    "name",
+    "type",
+    "frame",
+    "source",
+    "rack_full_m",
+    "loaded_radius",
+    "static_toe_in_rad",
+    "static_camber_rad",
+    "arb_stiffness_Nm_per_rad",
+    "spring_on",
+    "left",
+    "right",
+];
+/// Likeness (Jaro, Winkler) from which an unknown key is taken for a misspelt one.
+const MISSPELT: f64 = 0.88;
 
 /// Walks the document and collects what is wrong with it.
 struct Reader<'a> {
@@ -70,6 +89,13 @@ pub(super) fn read(text: &str, name: &str) -> Result<Axle, Vec<Broken>> {
     let root: Value = serde_json::from_str(text)
         .map_err(|e| vec![Broken { key: String::new(), rule: format!("must be JSON: {e}") }])?;
     let mut reader = Reader { root: &root, broken: Vec::new() };
+    for key in root.as_object().iter().flat_map(|object| object.keys()) {
+        if !KEYS.contains(&key.as_str())
+            && let Some(meant) = KEYS.iter().find(|known| strsim::jaro_winkler(known, key) >= MISSPELT)
+        {
+            reader.complain(key, &format!("unknown key (did you mean {meant}?)"));
+        }
+    }
     let kind = root.get("type").and_then(Value::as_str);
     let geometry = match kind {
         Some("double_wishbone") => {

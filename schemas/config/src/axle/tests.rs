@@ -1,6 +1,7 @@
 //! The shipped axle files parse and obey every rule; broken ones are told apart, all at once.
 
 use super::*;
+use crate::Broken;
 
 const SHIPPED: &[(&str, &str)] = &[
     ("sedan_double_wishbone", include_str!("../../../suspensions/sedan_double_wishbone.toml")),
@@ -109,4 +110,9 @@ fn hardpoint_json_errors_are_collected() {
     assert!(found.iter().any(|b| b.key == "rack_full_m"));
     let found = Axle::from_hardpoint_json("{}", "x").unwrap_err();
     assert!(found.iter().any(|b| b.key == "type"));
+    let text = r#"{"arb_stifness_Nm_per_rad": 1.0, "note": "x", "track_m": 1.5}"#;
+    let found = Axle::from_hardpoint_json(text, "x").unwrap_err();
+    let misspelt: Vec<&Broken> = found.iter().filter(|b| b.rule.contains("did you mean")).collect();
+    assert_eq!(misspelt.len(), 1);
+    assert_eq!(misspelt[0].key, "arb_stifness_Nm_per_rad");
 }
