@@ -52,3 +52,23 @@ pub fn reference(path: &str) -> Option<PathBuf> {
     println!("SKIPPED: reference data missing: {path}");
     None
 }
+
+/// A Python that has the named modules (comma-separated): the interpreter that `KINGPIN_PEERS` names, else `python3`.
+/// `None`, with what is missing said, when it has not; with `CI=true` that is a failure.
+///
+/// # Panics
+/// With `CI=true` when it is missing.
+#[allow(clippy::panic, clippy::print_stdout)]
+pub fn peer(modules: &str) -> Option<PathBuf> {
+    let python = PathBuf::from(std::env::var_os("KINGPIN_PEERS").unwrap_or_else(|| "python3".into()));
+    let found = Command::new(&python).args(["-c", &format!("import {modules}")]).output();
+    if found.is_ok_and(|output| output.status.success()) {
+        return Some(python);
+    }
+    let missing = format!("Python with {modules} (tests/peers.txt; KINGPIN_PEERS names the interpreter)");
+    if std::env::var("CI").is_ok_and(|ci| ci == "true") {
+        panic!("missing: {missing}");
+    }
+    println!("SKIPPED: missing: {missing}");
+    None
+}

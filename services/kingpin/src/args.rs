@@ -340,6 +340,8 @@ pub struct ExportArgs {
 pub enum ExportFormat {
     /// Comma-separated values, one time column
     Csv,
+    /// ASAM MDF 4.10 with units, descriptions and the configuration attached: CANape, INCA, asammdf
+    Mf4,
 }
 
 /// Arguments of `compare`.

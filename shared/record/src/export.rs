@@ -95,7 +95,7 @@ pub fn export_csv(log: &LogReader, options: &CsvOptions, out: &mut dyn Write) ->
 }
 
 /// The selected columns as (region, column), in order.
-fn select(log: &LogReader, selection: &[String]) -> Result<Vec<(usize, usize)>, LogError> {
+pub(crate) fn select(log: &LogReader, selection: &[String]) -> Result<Vec<(usize, usize)>, LogError> {
     let all = || {
         log.regions()
             .iter()

@@ -3,7 +3,7 @@
 use crate::args::{CompareArgs, ExportArgs, ExportFormat, RecoverArgs, ReportArgs};
 use crate::exit::Exit;
 use crate::output;
-use record::{CsvOptions, LogError, LogReader};
+use record::{CsvOptions, LogError, LogReader, Mf4Options};
 use serde_json::json;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -99,12 +99,25 @@ pub fn export(args: &ExportArgs) -> Exit {
         Ok(log) => log,
         Err(error) => return failed(error),
     };
-    let ExportFormat::Csv = args.format;
-    let path = args.output.clone().unwrap_or_else(|| beside(&args.run).join("log.csv"));
-    let options = CsvOptions { selection: args.select.clone(), decimation: args.every, unit_row: false };
+    let extension = match args.format {
+        ExportFormat::Csv => "csv",
+        ExportFormat::Mf4 => "mf4",
+    };
+    let path = args.output.clone().unwrap_or_else(|| beside(&args.run).join(format!("log.{extension}")));
     let mut rows = 0;
     let written = write_whole(&path, |out| {
-        rows = record::export_csv(&log, &options, out).map_err(|e: LogError| e.to_string())?;
+        rows = match args.format {
+            ExportFormat::Csv => {
+                let options =
+                    CsvOptions { selection: args.select.clone(), decimation: args.every, unit_row: false };
+                record::export_csv(&log, &options, out)
+            }
+            ExportFormat::Mf4 => {
+                let options = Mf4Options { selection: args.select.clone(), decimation: args.every };
+                record::export_mf4(&log, &options, out)
+            }
+        }
+        .map_err(|e: LogError| e.to_string())?;
         Ok(())
     });
     match written {
