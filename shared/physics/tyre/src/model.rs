@@ -233,6 +233,18 @@ impl Tyre {
         tyre
     }
 
+    /// This tyre with the constant shifts of its lateral force (PHY1, PVY1) reversed: for models that take the sign of
+    /// camber into the shifts. Table tyres stay as they are.
+    #[must_use]
+    pub fn with_reversed_shifts(&self) -> Self {
+        let mut tyre = self.clone();
+        if let Law::Magic(_) = tyre.law {
+            (tyre.p.phy1, tyre.p.pvy1) = (-self.p.phy1, -self.p.pvy1);
+            tyre.law = Law::Magic(Box::new(Formula::new(&tyre.p, self.info.version)));
+        }
+        tyre
+    }
+
     /// What the file says of itself.
     #[must_use]
     pub fn info(&self) -> &TyreInfo {

@@ -27,6 +27,8 @@ pub struct Masses {
     pub spin_kg_m2: [f64; 4],
     /// Diametral inertia of each wheel. [kg m²]
     pub diametral_kg_m2: [f64; 4],
+    /// Added to the first moment of mass that couples yaw and lateral motion, for models that leave it out. [kg m]
+    pub yaw_lateral_kg_m: f64,
 }
 
 /// What acts on one wheel station.
@@ -121,6 +123,8 @@ pub fn accelerations(
             matrix[(i, 3 + j)] = -tilde[(i, j)];
         }
     }
+    matrix[(5, 1)] += m.yaw_lateral_kg_m;
+    matrix[(1, 5)] += m.yaw_lateral_kg_m;
     let mut right = SVector::<f64, 6>::from_column_slice(&[qf.x, qf.y, qf.z, qm.x, qm.y, qm.z]);
     let mut columns = [SVector::<f64, 6>::zeros(); 4];
     for i in 0..4 {

@@ -470,7 +470,7 @@ impl AxleKinematics {
                     samples.push(KnuckleSample {
                         attitude: spatial::EulerParameters::from_matrix(&attitude).to_array(),
                         x_m: turned.x + k.forward_per_travel * z,
-                        y_m: turned.y + side * outward * z,
+                        y_m: turned.y + side * (outward + k.outward_per_travel2_1_m.unwrap_or(0.0) * z) * z,
                         kingpin_direction: (travel * direction).into(),
                         kingpin_point_m: (point + Vector3::new(0.0, 0.0, z)).into(),
                     });
@@ -483,18 +483,35 @@ impl AxleKinematics {
 
     /// Rack displacement at which the mean of both wheels' headings is `steer_rad`, at design travel.
     ///
-    /// Bisection over the grid; the ends where out of reach.
+    /// False position with halved ends (Illinois) over the grid, at most 40 evaluations; the ends where out of reach.
     #[must_use]
     pub fn rack_for_mean_steer_m(&self, steer_rad: f64) -> f64 {
-        let mean =
-            |rack: f64| 0.5 * (self.sides[0].steer_rad(0.0, rack) + self.sides[1].steer_rad(0.0, rack));
+        let excess = |rack: f64| {
+            0.5 * (self.sides[0].steer_rad(0.0, rack) + self.sides[1].steer_rad(0.0, rack)) - steer_rad
+        };
         let grid = self.sides[0].grid();
-        let (mut low, mut high) = (grid.rack_min_m, grid.rack_max_m);
-        let rising = mean(high) > mean(low);
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if (mean(middle) < steer_rad) == rising { low = middle } else { high = middle }
+        let (mut a, mut b) = (grid.rack_min_m, grid.rack_max_m);
+        let (mut at_a, mut at_b) = (excess(a), excess(b));
+        if at_a * at_b >= 0.0 {
+            return if at_a.abs() < at_b.abs() { a } else { b };
         }
-        0.5 * (low + high)
+        let mut side = 0;
+        for _ in 0..40 {
+            let next = (a * at_b - b * at_a) / (at_b - at_a);
+            let at_next = excess(next);
+            if at_next.abs() < 1e-13 || (b - a).abs() < 1e-15 {
+                return next;
+            }
+            if at_next * at_b < 0.0 {
+                (a, at_a) = (b, at_b);
+                side = 1;
+            } else if side == 2 {
+                at_a *= 0.5;
+            } else {
+                side = 2;
+            }
+            (b, at_b) = (next, at_next);
+        }
+        b
     }
 }

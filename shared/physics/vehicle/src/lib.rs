@@ -3,7 +3,7 @@
 //! Reading order: [`Vehicle`] (`vehicle`), what goes in and out (`io`), then its parts: kinematics maps
 //! (`kinematics`), wheel stations and contacts (`station`), equations of motion (`chassis`), suspension forces
 //! (`suspension`), `driveline`, `brakes`, `aerodynamics`, `hull`, `steering`, `speed_control`, start (`settle`), named variables and
-//! imports (`variables`), runs from tables (`simulate`).
+//! imports (`variables`), runs from tables (`simulate`), simplifications of other models (`peer`).
 //! Axes ISO 8855, SI units. Sees configuration and tyres only: no file, no clock, no heap in a step.
 
 mod aerodynamics;
@@ -15,6 +15,7 @@ mod hull;
 mod io;
 pub mod kinematics;
 mod outputs;
+mod peer;
 mod settle;
 mod simulate;
 mod speed_control;

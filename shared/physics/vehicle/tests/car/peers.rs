@@ -1,263 +1,299 @@
-//! Against the CommonRoad multi-body model on the same parameters (spec 3.3), below 0.6 g.
+//! Against other people's cars: the CommonRoad multi-body model on its three parameter sets (spec 3.3, Independent
+//! models), driven as `kingpin vehicle simulate` drives: the shipped car file, steer angle and speed from a table.
 //!
-//! Theirs and ours differ by named simplifications. Switched to theirs here:
-//! - camber in the tyre: they use the formula, whose axes are ISO-W, with the camber of an SAE frame, so a wheel
-//!   that leans outward pushes inward; and the shifts take the sign of camber, which makes a step at zero (two
-//!   tyres, exchanged when the inclination changes sign);
-//! - the load's lateral shift under lateral force (K_lt), and their springs' sideways part, which acts at the wheel
-//!   centres so that the leaning weight transfers load with the arm h_s − R and not h_s: both proportional to lateral
-//!   acceleration and past the springs, here as heights of roll centre and centre of gravity;
-//! - no gyroscopic moments (small spin inertia here);
-//! - axles that stay upright: their unsprung masses do not lean with the body. Ours do (independent suspension),
-//!   so here their mass is in the body and the roll centre so high that their load transfer passes the springs.
+//! Lateral acceleration, yaw rate, roll: rms of the difference over the peak of the reference; wheel loads: rms over the
+//! static load. Up to the first moment above 0.6 g.
 //!
-//! - slip angles from the lateral velocity at the height of the sprung centre of gravity, not at the contact: here an
-//!   import adds h p/V to the steer of all wheels.
-//!
-//! Not switched: their lateral spring and damper between body and axle.
+//! What their model leaves out or does in its own way stands in the cars' section `peer_model`;
+//! `each_difference_has_a_name` switches each off in turn and shows what it is worth.
 
 use crate::support::*;
 use config::car::Car;
 use tyre::Tyre;
-use vehicle::{ImportMode, Imports, Vehicle, VehicleInput};
+use vehicle::{Vehicle, VehicleInput, simulate_csv};
 
-struct Table {
+pub struct Table {
     names: Vec<String>,
     rows: Vec<Vec<f64>>,
 }
 
 impl Table {
-    fn read(text: &str) -> Self {
+    pub fn read(text: &str) -> Self {
         let mut lines = text.lines();
         let names = lines.next().unwrap().split(',').map(str::to_owned).collect();
         let rows = lines.map(|l| l.split(',').map(|c| c.parse().unwrap_or(f64::NAN)).collect()).collect();
         Self { names, rows }
     }
 
-    fn column(&self, name: &str) -> Vec<f64> {
+    pub fn column(&self, name: &str) -> Vec<f64> {
         let at = self.names.iter().position(|n| n == name).unwrap_or_else(|| panic!("no column {name}"));
         self.rows.iter().map(|r| r[at]).collect()
     }
 }
 
-fn at(values: &[f64], dt: f64, t: f64) -> f64 {
-    let u = (t / dt).clamp(0.0, (values.len() - 1) as f64);
-    let k = (u as usize).min(values.len() - 2);
-    values[k] + (values[k + 1] - values[k]) * (u - k as f64)
+/// Differences of a run from a reference.
+#[derive(Debug, Clone, Copy)]
+pub struct Errors {
+    /// Lateral acceleration, yaw rate, roll: rms over peak; wheel loads: rms over static load.
+    pub rms: [f64; 4],
+    /// Where the comparison ends. [s]
+    pub seconds: f64,
 }
 
-/// Their tyre for wheels that lean to the side of `sign` (ISO-W).
-fn their_tyre(name: &str, sign: f64) -> Tyre {
-    let text = tyre_text(&format!("commonroad_{name}.tir")).replace("TYRESIDE = 'LEFT'\n", "");
-    let text = with_keys(
-        &text,
-        &[
-            ("PHY1", -0.0026747 * sign),
-            ("PVY1", -0.037318 * sign),
-            ("PHY3", -0.031415),
-            ("PVY3", 0.32931),
-            ("RVY3", 0.27568),
-        ],
-    );
-    Tyre::from_tir(&text, name).unwrap()
+/// Limits of a comparison: from a time [s] and up to a lateral acceleration [m/s2].
+pub fn errors(ours: &Table, theirs: &Table, from_s: f64, limit_m_s2: f64) -> Errors {
+    const NAMES: [&str; 3] = ["ay_cg_mps2", "yawrate_rps", "roll_rad"];
+    let time = theirs.column("t_s");
+    let lateral = theirs.column("ay_cg_mps2");
+    let first = time.iter().position(|t| *t >= from_s).unwrap();
+    let end = lateral.iter().skip(first).position(|a| a.abs() > limit_m_s2).map_or(time.len(), |k| first + k);
+    let mut rms = [0.0; 4];
+    let count = (end - first) as f64;
+    for (k, name) in NAMES.iter().enumerate() {
+        let (a, b) = (ours.column(name), theirs.column(name));
+        let peak = b[first..end].iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        rms[k] = ((first..end).map(|n| (a[n] - b[n]).powi(2)).sum::<f64>() / count).sqrt() / peak;
+    }
+    for wheel in ["fl", "fr", "rl", "rr"] {
+        let name = format!("Fz_N_{wheel}");
+        let (a, b) = (ours.column(&name), theirs.column(&name));
+        rms[3] += 0.25 * (first..end).map(|n| ((a[n] - b[n]) / b[0]).powi(2)).sum::<f64>() / count;
+    }
+    rms[3] = rms[3].sqrt();
+    Errors { rms, seconds: time[end - 1] }
 }
 
-/// Axles that stay upright: unsprung masses in the body, their load transfer past the springs.
-fn upright_axles(c: &mut Car, k_lt: f64) {
-    const LEFT: f64 = 5.0;
-    let mut moved = 0.0;
-    let mut height = 0.0;
-    let mut behind = 0.0;
-    let b = &mut c.body;
-    let l = b.wheelbase_m;
-    for (axle, x) in [(&mut c.front, 0.0), (&mut c.rear, l)] {
-        let m = 2.0 * (axle.unsprung_mass_kg - LEFT);
-        moved += m;
-        height += m * axle.wheel_centre_height_m;
-        behind += m * x;
-        axle.unsprung_mass_kg = LEFT;
-        axle.wheel_mass_kg = LEFT;
-        // Their yaw inertia goes to the body.
-        b.yaw_inertia_kg_m2 += m * ((x - b.front_axle_to_sprung_cg_m).powi(2) + 0.25 * axle.track_m.powi(2));
-        axle.wheel_spin_inertia_kg_m2 = 0.3;
+/// The run of a car by a reference's steer angle and speed, as the command makes it.
+pub fn run(car: &mut Vehicle, theirs: &Table, steer: &str) -> Table {
+    let (t, steer_by, speed) = (theirs.column("t_s"), theirs.column(steer), theirs.column("v_x_mps"));
+    let mut input = format!("t_s,{steer},target_speed_mps\n");
+    for n in 0..t.len() {
+        input += &format!("{},{},{}\n", t[n], steer_by[n], speed[n]);
     }
-    let total = b.sprung_mass_kg + moved;
-    let sprung_height = b.sprung_cg_height_m;
-    // Load transfer past the springs beyond that: per lateral acceleration, over the mass.
-    let rate = |axle: &config::car::CarAxle| {
-        0.5 * axle.track_m.powi(2) * axle.spring.force_n[2] / axle.spring.compression_m[2]
-            + axle.anti_roll_bar_n_m_rad
-    };
-    let arm = b.sprung_mass_kg * sprung_height;
-    let roll = arm / (rate(&c.front) + rate(&c.rear) - 9.81 * arm);
-    let beyond = k_lt * total * 9.81 * 0.25 * 1.15 - 9.81 * b.sprung_mass_kg * 0.344 * roll / total;
-    b.sprung_cg_height_m = (b.sprung_mass_kg * sprung_height + height) / total + beyond;
-    b.front_axle_to_sprung_cg_m = (b.sprung_mass_kg * b.front_axle_to_sprung_cg_m + behind) / total;
-    // Pitch: the unsprung masses do not pitch with the body; roll inertia likewise stays.
-    for axle in [&mut c.front, &mut c.rear] {
-        axle.kinematics.as_mut().unwrap().roll_centre_height_m = height / total + beyond;
+    let output = simulate_csv(car, &input).unwrap_or_else(|e| panic!("{e:?}"));
+    if let Ok(path) = std::env::var("KINGPIN_PEERS_OUTPUT") {
+        std::fs::write(path, &output).unwrap();
     }
-    b.sprung_mass_kg = total;
+    Table::read(&output)
 }
 
-struct Errors {
-    lateral: f64,
-    yaw: f64,
-    roll: f64,
-    load: f64,
-    seconds: f64,
-}
-
-fn compare(name: &str, file: &str, k_lt: f64, their_sign: bool) -> Option<Errors> {
-    let table = Table::read(&reference(&format!("vehicle/crmb_{name}_{file}.csv"))?);
-    let mut section = car(name);
-    for axle in [&mut section.front, &mut section.rear] {
-        axle.wheel_diametral_inertia_kg_m2 = 1e-3;
-    }
-    if their_sign {
-        upright_axles(&mut section, k_lt);
-    }
-    section.speed_control.proportional_1_s = 5.0;
-    section.speed_control.integral_1_s2 = 2.0;
-    let plus = their_tyre(name, 1.0);
-    let minus = their_tyre(name, -1.0);
-    let four = |t: &Tyre| [t.clone(), t.clone(), t.clone(), t.clone()];
-    let mut car = if their_sign {
-        Vehicle::new(&section, maps(&section), four(&plus), 1e-3).unwrap()
-    } else {
-        build(&section)
-    };
-    let (steer, speed) = (table.column("delta_road_rad"), table.column("v_x_mps"));
-    let ratio = 16.0;
-    let time = table.column("t_s");
-    let dt = time[1] - time[0];
-    let each = (dt * 1000.0).round() as usize;
-    let mut input = VehicleInput {
-        steering_wheel_angle_rad: ratio * steer[0],
-        target_speed_m_s: Some(speed[0]),
-        ..VehicleInput::default()
-    };
-    car.reset(speed[0], &input);
-    let lateral = table.column("ay_cg_mps2");
-    let (yaw, roll) = (table.column("yawrate_rps"), table.column("roll_rad"));
-    let load: Vec<Vec<f64>> =
-        ["fl", "fr", "rl", "rr"].iter().map(|w| table.column(&format!("Fz_N_{w}"))).collect();
+fn compare(section: &Car, tyres: &Tyre, name: &str, file: &str, note: &str) -> Option<Errors> {
+    let theirs = Table::read(&reference(&format!("vehicle/crmb_{name}_{file}.csv"))?);
+    let four = [tyres.clone(), tyres.clone(), tyres.clone(), tyres.clone()];
+    let mut car = Vehicle::new(section, maps(section), four, 1e-3).unwrap_or_else(|e| panic!("{e:?}"));
+    let ours = run(&mut car, &theirs, "delta_road_rad");
     // The circle starts in a turn: give it time to get there.
     let from = if file.starts_with("circle") { 15.0 } else { 0.0 };
-    let mut sums = [0.0; 4];
-    let mut count = 0.0;
-    let mut signs = [1.0; 4];
-    let steers = ["fl", "fr", "rl", "rr"].map(|w| Imports::find(&format!("steer_rad_{w}")).unwrap());
-    let rows = table.rows.len();
-    let mut seconds = 0.0;
-    for n in 1..rows {
-        for k in 0..each {
-            let t = dt * (n - 1) as f64 + 1e-3 * k as f64;
-            input.time_s = t;
-            input.steering_wheel_angle_rad = ratio * at(&steer, dt, t + 1e-3);
-            input.target_speed_m_s = Some(at(&speed, dt, t));
-            if their_sign {
-                for (i, w) in car.output().wheels.map(|w| w.inclination_rad).into_iter().enumerate() {
-                    if w * signs[i] < 0.0 {
-                        signs[i] = -signs[i];
-                        car.set_tyre(i, if signs[i] > 0.0 { &plus } else { &minus });
-                    }
-                }
-            }
-            if their_sign {
-                // They leave out the sideways motion of the contacts by roll.
-                let o = car.output();
-                let extra = section.body.sprung_cg_height_m * o.angular_velocity_rad_s[0] / o.velocity_m_s[0];
-                for id in &steers {
-                    car.imports_mut().set(*id, ImportMode::Add, extra);
-                }
-            }
+    let e = errors(&ours, &theirs, from, 0.6 * 9.81);
+    let p = e.rms.map(|x| 100.0 * x);
+    println!(
+        "{name:12} {file:22} to {:5.2} s  ay {:5.2} %  yaw rate {:5.2} %  roll {:5.2} %  loads {:5.2} %  {note}",
+        e.seconds, p[0], p[1], p[2], p[3]
+    );
+    Some(e)
+}
+
+/// The same from the reference's own state at its first row (it hunts about straight ahead), with the sign of camber in
+/// the shifts as abrupt as theirs.
+fn compare_from_their_state(section: &Car, tyres: &Tyre, name: &str, file: &str, to_s: f64) -> Option<Errors> {
+    let mut theirs = Table::read(&reference(&format!("vehicle/crmb_{name}_{file}.csv"))?);
+    theirs.rows.retain(|r| r[0] <= to_s);
+    let mut section = section.clone();
+    section.peer_model.as_mut().unwrap().shift_transition_rad = 0.0;
+    let four = [tyres.clone(), tyres.clone(), tyres.clone(), tyres.clone()];
+    let mut car = Vehicle::new(&section, maps(&section), four, 1e-3).unwrap_or_else(|e| panic!("{e:?}"));
+    let (steer, speed) = (theirs.column("delta_road_rad"), theirs.column("v_x_mps"));
+    let mut input = VehicleInput { target_speed_m_s: Some(speed[0]), ..VehicleInput::default() };
+    car.reset(speed[0], &input);
+    let mut state = vec![0.0; car.state_len()];
+    car.save_state(&mut state);
+    let first = |column: &str| theirs.column(column)[0];
+    // Numbers of the state: position 0..3, velocity 3..6, angular 6..9, attitude 9..13, travel 13..17, rate 17..21.
+    let roll = first("roll_rad");
+    state[4] = first("v_y_mps");
+    (state[6], state[8]) = (first("rollrate_rps"), first("yawrate_rps"));
+    (state[9], state[10]) = ((0.5 * roll).cos(), (0.5 * roll).sin());
+    for (k, wheel) in ["fl", "fr", "rl", "rr"].iter().enumerate() {
+        let out = theirs.column(&format!("susp_defl_m_{wheel}"));
+        (state[13 + k], state[17 + k]) = (-out[0], -(out[1] - out[0]) / 0.01);
+    }
+    car.load_state(&state);
+    let mut text = "ay_cg_mps2,yawrate_rps,roll_rad,Fz_N_fl,Fz_N_fr,Fz_N_rl,Fz_N_rr\n".to_owned();
+    for n in 0..steer.len() {
+        let o = car.output();
+        let fz = o.wheels.map(|w| w.fz_n);
+        text += &format!(
+            "{},{},{},{},{},{},{}\n",
+            o.lateral_acceleration_cg_m_s2, o.yaw_rate_rad_s, o.roll_rad, fz[0], fz[1], fz[2], fz[3]
+        );
+        let (from, to) = (steer[n], steer[(n + 1).min(steer.len() - 1)]);
+        for k in 1..=10 {
+            let now = from + (to - from) * f64::from(k) / 10.0;
+            input.rack_displacement_m = Some(car.kinematics()[0].rack_for_mean_steer_m(now));
+            input.target_speed_m_s = Some(speed[n]);
             car.step(&input);
         }
-        let now = dt * n as f64;
-        if now < from {
-            continue;
-        }
-        if lateral[n].abs() > 0.6 * 9.81 {
-            break;
-        }
-        seconds = now;
-        let o = car.output();
-        sums[0] += (o.lateral_acceleration_cg_m_s2 - lateral[n]).powi(2);
-        sums[1] += (o.yaw_rate_rad_s - yaw[n]).powi(2);
-        sums[2] += (o.roll_rad - roll[n]).powi(2);
-        for i in 0..4 {
-            sums[3] += 0.25 * ((o.wheels[i].fz_n - load[i][n]) / load[i][0]).powi(2);
-        }
-        count += 1.0;
     }
-    let (first, last) = ((from / dt).round() as usize, (seconds / dt).round() as usize);
-    let peak = |v: &[f64]| v[first..=last].iter().fold(0.0f64, |m, x| m.max(x.abs()));
-    let rms = sums.map(|s| (s / count).sqrt());
-    if std::env::var("KINGPIN_PEERS").is_ok() {
-        let o = car.output();
-        println!(
-            "  at {seconds:.2} s: v_y {:.4} {:.4}  ay {:.3} {:.3}  yaw rate {:.4} {:.4}  roll {:.4} {:.4}  Fz {:.0?} {:.0?}",
-            o.horizontal_velocity_m_s[1],
-            table.column("v_y_mps")[last],
-            o.lateral_acceleration_cg_m_s2,
-            lateral[last],
-            o.yaw_rate_rad_s,
-            yaw[last],
-            o.roll_rad,
-            roll[last],
-            o.wheels.map(|w| w.fz_n),
-            [0, 1, 2, 3].map(|i| load[i][last])
-        );
-    }
-    let errors = Errors {
-        lateral: rms[0] / peak(&lateral),
-        yaw: rms[1] / peak(&yaw),
-        roll: rms[2] / peak(&roll),
-        load: rms[3],
-        seconds,
-    };
+    let e = errors(&Table::read(&text), &theirs, 0.0, 0.6 * 9.81);
+    let p = e.rms.map(|x| 100.0 * x);
     println!(
-        "{name:12} {file:28} to {:5.2} s  ay {:5.2} %  yaw rate {:5.2} %  roll {:5.2} %  loads {:5.2} %{}",
-        errors.seconds,
-        100.0 * errors.lateral,
-        100.0 * errors.yaw,
-        100.0 * errors.roll,
-        100.0 * errors.load,
-        if their_sign { "" } else { "  (our tyre signs)" }
+        "{name:12} {file:22} to {:5.2} s  ay {:5.2} %  yaw rate {:5.2} %  roll {:5.2} %  loads {:5.2} %  from their state",
+        e.seconds, p[0], p[1], p[2], p[3]
     );
-    Some(errors)
+    Some(e)
 }
+
+const CARS: [&str; 3] = ["ford_escort", "bmw_320i", "vw_vanagon"];
 
 #[test]
 fn commonroad_cars_below_six_tenths_of_g() {
-    let cars = [
-        ("ford_escort", 1.0278264878518764e-05),
-        ("bmw_320i", 1.6430724599974725e-05),
-        ("vw_vanagon", 1.2231329122034703e-05),
-    ];
-    // Bounds by kind of manoeuvre: [lateral acceleration, yaw rate, roll, loads], rms of the peak. The goal of 3 % is met
-    // in quasi-steady turning and for the loads. Beyond it: steps of the Escort (nearly neutral, so that a small
-    // difference of the axles' forces grows), and where their car hunts about straight ahead by up to 0.3 m/s2 because
-    // its tyres step at zero camber, which no two models do in step.
+    // Their car hunts about straight ahead (roll by 0.004 rad, 0.2 m/s2: the step of the shifts at zero camber), ours starts
+    // at rest: that start is most of what is left, and more than 3 % of a small peak. `started_in_their_own_hunting`
+    // shows it. [lateral acceleration, yaw rate, roll, loads]
     let bounds = [
-        ("circle_R80", [0.025, 0.030, 0.015, 0.025]),
-        ("slalom_0p3Hz_grow_80", [0.030, 0.030, 0.025, 0.025]),
-        ("step_steer_80_lin", [0.060, 0.055, 0.060, 0.030]),
-        ("step_steer_80_1p2deg", [0.060, 0.055, 0.050, 0.030]),
-        ("swd_0p7Hz_80_1deg", [0.065, 0.030, 0.090, 0.040]),
-        ("swd_0p7Hz_80_2deg", [0.040, 0.030, 0.060, 0.040]),
+        ("circle_R80", [0.03; 4]),
+        ("slalom_0p3Hz_grow_80", [0.03; 4]),
+        ("step_steer_80_lin", [0.03, 0.03, 0.045, 0.03]),
+        ("step_steer_80_1p2deg", [0.03, 0.03, 0.04, 0.03]),
+        ("step_steer_80_high", [0.03, 0.03, 0.05, 0.03]),
+        ("swd_0p7Hz_80_1deg", [0.06, 0.03, 0.08, 0.03]),
+        ("swd_0p7Hz_80_2deg", [0.03, 0.03, 0.045, 0.03]),
+        ("swd_0p7Hz_80_2.4deg", [0.03, 0.03, 0.045, 0.03]),
+        ("swd_0p7Hz_80_2.8deg", [0.032, 0.03, 0.05, 0.03]),
     ];
     let mut broken = Vec::new();
-    for (name, k_lt) in cars {
-        for (file, bound) in bounds {
-            let Some(e) = compare(name, file, k_lt, true) else { continue };
-            let found = [e.lateral, e.yaw, e.roll, e.load];
-            if !found.iter().zip(bound).all(|(f, b)| *f <= b) {
-                broken.push(format!("{name} {file}: {found:.4?} above {bound:?}"));
+    for name in CARS {
+        let section = car(name);
+        let t = tyre(&section.front.tyre_file);
+        let last = if name == "vw_vanagon" { "2.8deg" } else { "2.4deg" };
+        for (file, bound) in bounds.into_iter().filter(|(f, _)| !f.ends_with(last)) {
+            let Some(e) = compare(&section, &t, name, file, "") else { continue };
+            if !e.rms.iter().zip(bound).all(|(f, b)| *f <= b) {
+                broken.push(format!("{name} {file}: {:.4?} above {bound:?}", e.rms));
             }
         }
-        compare(name, "step_steer_80_1p2deg", k_lt, false);
     }
     assert!(broken.is_empty(), "{broken:#?}");
+}
+
+#[test]
+fn started_in_their_own_hunting() {
+    let mut broken = Vec::new();
+    for name in CARS {
+        let section = car(name);
+        let t = tyre(&section.front.tyre_file);
+        let most = if name == "vw_vanagon" { "swd_0p7Hz_80_2.4deg" } else { "swd_0p7Hz_80_2.8deg" };
+        // After the small sine with dwell both hunt again, no longer in step: to the end of the steering there.
+        for (file, to_s) in [
+            ("slalom_0p3Hz_grow_80", 1e3),
+            ("step_steer_80_lin", 1e3),
+            ("step_steer_80_1p2deg", 1e3),
+            ("step_steer_80_high", 1e3),
+            ("swd_0p7Hz_80_1deg", 3.0),
+            ("swd_0p7Hz_80_2deg", 1e3),
+            (most, 1e3),
+        ] {
+            let Some(e) = compare_from_their_state(&section, &t, name, file, to_s) else { continue };
+            if !e.rms.iter().all(|f| *f <= 0.03) {
+                broken.push(format!("{name} {file}: {:.4?}", e.rms));
+            }
+        }
+    }
+    assert!(broken.is_empty(), "{broken:#?}");
+}
+
+/// What happens in a run, in order: wheels that keep less than a `share` of their load, changes of sign of the yaw rate, the
+/// lateral acceleration passing 0.6 g either way.
+fn events(run: &Table, share: f64) -> Vec<(f64, String)> {
+    let time = run.column("t_s");
+    let mut found = Vec::new();
+    for wheel in ["fl", "fr", "rl", "rr"] {
+        let load = run.column(&format!("Fz_N_{wheel}"));
+        if let Some(n) = load.iter().position(|f| *f < share * load[0]) {
+            found.push((time[n], format!("{wheel} light")));
+        }
+    }
+    for (name, level) in [("yawrate_rps", 0.15), ("ay_cg_mps2", 5.886)] {
+        let value = run.column(name);
+        let mut side = 0.0;
+        for n in 0..value.len() {
+            if value[n].abs() > level && value[n].signum() != side {
+                side = value[n].signum();
+                found.push((time[n], format!("{name} beyond {}", level * side)));
+            }
+        }
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found
+}
+
+#[test]
+fn at_the_limit_the_same_sequence_of_events() {
+    for name in CARS {
+        let section = car(name);
+        let t = tyre(&section.front.tyre_file);
+        let most = if name == "vw_vanagon" { "swd_0p7Hz_80_2.4deg" } else { "swd_0p7Hz_80_2.8deg" };
+        for file in ["step_steer_80_high", "swd_0p7Hz_80_2deg", most, "circle_R80"] {
+            let Some(text) = reference(&format!("vehicle/crmb_{name}_{file}.csv")) else { continue };
+            let theirs = Table::read(&text);
+            let four = [t.clone(), t.clone(), t.clone(), t.clone()];
+            let mut car = Vehicle::new(&section, maps(&section), four, 1e-3).unwrap();
+            let (ours, theirs) = {
+                // A load that only grazes the level would make the comparison a matter of luck: ours may be less light.
+                let ours = run(&mut car, &theirs, "delta_road_rad");
+                let share = if file.starts_with("circle") { [0.2, 0.2] } else { [0.3, 0.12] };
+                (events(&ours, share[0]), events(&theirs, share[1]))
+            };
+            println!("{name} {file}: theirs {theirs:?}\n    ours {ours:?}");
+            // The circle rises by 0.25 m/s2 and second: the same difference of level takes longer there.
+            let late = if file.starts_with("circle") { 4.0 } else { 0.2 };
+            for (when, what) in &theirs {
+                assert!(
+                    ours.iter().any(|(t, w)| w == what && (t - when).abs() < late),
+                    "{name} {file}: {what} at {when} s is not in {ours:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn each_difference_has_a_name() {
+    type Change = fn(&mut Car);
+    let switches: [(&str, Change); 8] = [
+        ("as shipped", |_| {}),
+        ("shifts by side, not by camber", |c| {
+            c.peer_model.as_mut().unwrap().shifts_follow_inclination = false;
+        }),
+        ("slip at the contacts", |c| c.peer_model.as_mut().unwrap().slip_at_centre_of_gravity = false),
+        ("independent wheels", |c| c.peer_model.as_mut().unwrap().rigid_axles = false),
+        ("springs shifted by roll", |c| c.peer_model.as_mut().unwrap().springs_without_side_shift = false),
+        ("yaw about the whole car's centre", |c| {
+            c.peer_model.as_mut().unwrap().yaw_about_sprung_centre = false;
+        }),
+        ("tyres lean with their wheels", |c| {
+            let p = c.peer_model.as_mut().unwrap();
+            p.front_inclination_per_travel_rad_m = None;
+            p.rear_inclination_per_travel_rad_m = None;
+        }),
+        ("gyroscopic moments", |c| c.peer_model.as_mut().unwrap().no_gyroscopic_moments = false),
+    ];
+    for name in CARS {
+        let file = car(name).front.tyre_file;
+        let (t, text) = (tyre(&file), tyre_text(&file));
+        // As a real tyre's: one for the left side, its mirror image on the right.
+        let handed = Tyre::from_tir(&text.replace("LONGVL", "TYRESIDE = 'LEFT'\nLONGVL"), "handed").unwrap();
+        let mut shipped = [0.0; 4];
+        for (k, (what, change)) in switches.into_iter().enumerate() {
+            let mut section = car(name);
+            change(&mut section);
+            let tyre = if k == 1 { &handed } else { &t };
+            let Some(e) = compare(&section, tyre, name, "swd_0p7Hz_80_2deg", what) else { return };
+            if k == 0 {
+                shipped = e.rms;
+            } else {
+                assert!((0..4).any(|i| e.rms[i] > 1.02 * shipped[i]), "{name}: {what} makes no difference");
+            }
+        }
+    }
 }

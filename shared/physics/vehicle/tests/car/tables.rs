@@ -21,7 +21,7 @@ fn a_table_drives_the_car() {
     };
     assert!(lines[1..].iter().all(|l| l.split(',').count() == header.len()));
     assert_eq!(get(lines[1], "t_s"), 0.0);
-    assert!(get(lines[100], "yawrate_rps").abs() < 1e-6, "turns before it is steered");
+    assert!(get(lines[100], "yawrate_rps").abs() < 1e-3, "turns before it is steered");
     let last = lines[401];
     // The rack is set for the angle at design; travel changes it a little.
     assert!((get(last, "delta_road_rad") - 0.02).abs() < 2e-4);

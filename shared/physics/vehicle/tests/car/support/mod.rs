@@ -45,6 +45,7 @@ pub fn front_constants() -> IdealKinematics {
         camber_per_travel_rad_m: -0.35,
         caster_per_travel_rad_m: 0.05,
         roll_centre_height_m: 0.06,
+        outward_per_travel2_1_m: None,
         forward_per_travel: 0.0,
         steer_per_rack_rad_m: -7.3,
         ackermann: 0.3,
