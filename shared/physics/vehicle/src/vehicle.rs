@@ -450,14 +450,14 @@ impl Vehicle {
             let friction = self.imports.wheel(i, wheel::FRICTION, input.road[i].friction);
             let rolling = tyre.effective_rolling_radius_m(fz, spin, pressure);
             let motion = tyre::Motion {
-                    vertical_load_n: fz,
-                    speed_m_s: contact.vx_m_s,
-                    slip_speed_x_m_s: contact.vx_m_s - spin * rolling,
-                    slip_speed_y_m_s: contact.vy_m_s,
-                    spin_rate_rad_s: contact.turn_rad_s,
-                    camber_rad: contact.inclination_rad,
-                    pressure_pa: pressure,
-                    friction_scale: [friction.clamp(FRICTION_MIN, 2.0); 2],
+                vertical_load_n: fz,
+                speed_m_s: contact.vx_m_s,
+                slip_speed_x_m_s: contact.vx_m_s - spin * rolling,
+                slip_speed_y_m_s: contact.vy_m_s,
+                spin_rate_rad_s: contact.turn_rad_s,
+                camber_rad: contact.inclination_rad,
+                pressure_pa: pressure,
+                friction_scale: [friction.clamp(FRICTION_MIN, 2.0); 2],
             };
             let mut f = match &self.peer {
                 Some(peer) => peer.tyre_step(i, tyre, &mut s.tyre[i], &motion, self.mode, h),
@@ -521,7 +521,10 @@ impl Vehicle {
                 suspension: self.imports.wheel(
                     i,
                     wheel::SUSPENSION,
-                    suspension.spring_n(side, s.travel[i]) + damper + lift[i] + if side == 0 { bar } else { -bar },
+                    suspension.spring_n(side, s.travel[i])
+                        + damper
+                        + lift[i]
+                        + if side == 0 { bar } else { -bar },
                 ),
                 damping,
             }

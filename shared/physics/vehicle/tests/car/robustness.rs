@@ -5,21 +5,21 @@ use crate::support::*;
 use vehicle::{GearMode, RoadContact, VehicleInput, VehicleOutput};
 
 /// A small deterministic generator (xorshift64*), so that a failure names a seed.
-struct Random(u64);
+pub struct Random(pub u64);
 
 impl Random {
-    fn next(&mut self) -> f64 {
+    pub fn next(&mut self) -> f64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;
         (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
     }
-    fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.next()
     }
 }
 
-fn sane(o: &VehicleOutput) -> bool {
+pub fn sane(o: &VehicleOutput) -> bool {
     o.position_m.iter().chain(&o.velocity_m_s).chain(&o.angular_velocity_rad_s).all(|v| v.is_finite())
         && o.velocity_m_s.iter().all(|v| v.abs() < 150.0)
         && o.wheels.iter().all(|w| {
@@ -35,9 +35,9 @@ fn sane(o: &VehicleOutput) -> bool {
 
 #[test]
 fn random_inputs_never_blow_up() {
-    let steps_each = 200;
+    let steps_each = 100;
     let inputs: usize =
-        std::env::var("KINGPIN_RANDOM_INPUTS").ok().and_then(|v| v.parse().ok()).unwrap_or(2000);
+        std::env::var("KINGPIN_RANDOM_INPUTS").ok().and_then(|v| v.parse().ok()).unwrap_or(5000);
     for name in ["sedan", "vw_vanagon"] {
         let mut v = build(&with_constants(car(name)));
         let mut random = Random(0x5EED_0001);
