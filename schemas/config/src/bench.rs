@@ -6,12 +6,13 @@ use crate::car::Car;
 use crate::check::Broken;
 use crate::library::Kind;
 use crate::load::{self, Draft, Loaded, Section};
+use crate::model::ModelFiles;
 use crate::problem::{Mistake, Problems, Violation};
 use crate::record::{self, MeasuredSignal, RecordedHistory, TimeSeries, Wanted};
 use crate::rig::Rig;
 use crate::scenario::{Scenario, Speed};
 use crate::steer::Steer;
-use crate::tree::{Place, Value};
+use crate::tree::{Node, Place, Source, Value};
 use crate::unit::SteeringUnit;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -49,6 +50,10 @@ pub struct ResolvedBench {
     pub rig: Rig,
     /// The steering unit.
     pub unit: SteeringUnit,
+    /// The steering unit's functional model, if its file names one.
+    pub unit_model: Option<ModelFiles>,
+    /// The car's driveline model, if its file names one.
+    pub driveline_model: Option<ModelFiles>,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
     /// Every configuration text that was read, for the log (overrides included).
@@ -69,6 +74,8 @@ impl ResolvedBench {
         let scenario = draft.finish::<Scenario>();
         let rig = assembly.section::<Rig>(&draft, "rig_file", "rig");
         let unit = assembly.section::<SteeringUnit>(&draft, "unit_file", "unit");
+        let unit_model =
+            unit.as_ref().and_then(|unit| assembly.model(&unit.tree, &unit.sources, "model.file"));
         let car = assembly.car(&draft);
         let scenario = assembly.keep(scenario);
         let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded));
@@ -84,6 +91,8 @@ impl ResolvedBench {
                     tyres: car.tyres,
                     rig: rig.value,
                     unit: unit.value,
+                    unit_model,
+                    driveline_model: car.driveline_model,
                     record,
                     sources,
                 })
@@ -135,6 +144,7 @@ struct ResolvedCar {
     front_axle: Axle,
     rear_axle: Option<Axle>,
     tyres: Vec<TextFile>,
+    driveline_model: Option<ModelFiles>,
 }
 
 /// Gathers the parts and everything that is wrong with them.
@@ -224,7 +234,9 @@ impl Assembly<'_> {
             .into_iter()
             .filter_map(|end| self.tyre(&draft, &format!("{end}.tyre_file")))
             .collect();
-        Some(ResolvedCar { car: car?.value, front_axle: front_axle?, rear_axle, tyres })
+        let car = car?;
+        let driveline_model = self.model(&car.tree, &car.sources, "driveline.file");
+        Some(ResolvedCar { car: car.value, front_axle: front_axle?, rear_axle, tyres, driveline_model })
     }
 
     fn axle(&mut self, car: &Draft, end: &str) -> Option<Axle> {
@@ -266,6 +278,29 @@ impl Assembly<'_> {
                 for Broken { key, rule } in broken {
                     self.problems.push(in_file(Mistake::Reference, &name, &key, rule));
                 }
+                None
+            }
+        }
+    }
+
+    /// A functional model with all files it names.
+    fn model(&mut self, tree: &Node, sources: &[Source], key: &str) -> Option<ModelFiles> {
+        let place = match load::reference_in(tree, sources, key, Kind::Model)? {
+            Ok(place) => place,
+            Err(violation) => {
+                self.problems.push(violation);
+                return None;
+            }
+        };
+        match ModelFiles::at(&place) {
+            Ok(files) => {
+                for file in std::iter::once(&files.main).chain(&files.parts) {
+                    self.source(file.name.clone(), file.text.clone());
+                }
+                Some(files)
+            }
+            Err(problems) => {
+                self.problems.extend(problems);
                 None
             }
         }
