@@ -16,7 +16,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("functional_model", &["spatial"]),
     ("manoeuvre", &["config"]),
     ("multibody", &["spatial", "config"]),
-    ("vehicle", &["spatial", "config", "tyre"]),
+    ("vehicle", &["spatial", "config", "tyre", "functional_model"]),
     ("rig_plant", &["config", "functional_model"]),
     ("rig_control", &["config", "rig_plant", "metrics"]),
     ("safety", &["config", "rig_plant", "rig_control"]),

@@ -15,6 +15,7 @@ use crate::tree::{Place, Value};
 use crate::unit::SteeringUnit;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Largest tyre or hardpoint file. [bytes]
@@ -53,6 +54,8 @@ pub struct ResolvedBench {
     pub record: Option<RecordedHistory>,
     /// Every configuration text that was read, for the log (overrides included).
     pub sources: Vec<TextFile>,
+    /// Where keys of the scenario that are checked later were written, as `file:line:column`.
+    pub places: BTreeMap<String, String>,
 }
 
 impl ResolvedBench {
@@ -64,22 +67,25 @@ impl ResolvedBench {
     /// All violations of all files at once.
     pub fn load(scenario: &str, overrides: &[String]) -> Result<Self, Problems> {
         let place = load::place_of_argument(scenario, Kind::Scenario)?;
-        let mut assembly = Assembly { overrides, problems: Problems::default(), sources: Vec::new() };
+        let mut assembly = Assembly::new(overrides, "scenario");
         let mut draft = Draft::read(&place, Kind::Scenario, &assembly.of("scenario"))?;
         let scenario = draft.finish::<Scenario>();
         let rig = assembly.section::<Rig>(&draft, "rig_file", "rig");
         let unit = assembly.section::<SteeringUnit>(&draft, "unit_file", "unit");
-        let car = assembly.car(&draft);
+        let car = assembly.car_of_bench(&draft);
         let scenario = assembly.keep(scenario);
         let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded));
         let Assembly { mut problems, sources, .. } = assembly;
         problems.sort();
         match (scenario, car, rig, unit, record) {
-            (Some(scenario), Some(car), Some(rig), Some(unit), Some(record)) if problems.is_empty() => {
+            (Some(scenario), Some((car, front_axle)), Some(rig), Some(unit), Some(record))
+                if problems.is_empty() =>
+            {
                 Ok(Self {
+                    places: places(&scenario),
                     scenario: scenario.value,
                     car: car.car,
-                    front_axle: car.front_axle,
+                    front_axle,
                     rear_axle: car.rear_axle,
                     tyres: car.tyres,
                     rig: rig.value,
@@ -97,6 +103,7 @@ impl ResolvedBench {
     pub fn canonical_json(&self) -> String {
         let mut canonical = self.clone();
         canonical.sources.clear();
+        canonical.places.clear();
         if let Some(record) = &mut canonical.scenario.record {
             record.directory = None;
         }
@@ -108,6 +115,14 @@ impl ResolvedBench {
     pub fn hash(&self) -> String {
         let digest = Sha256::digest(self.canonical_json().as_bytes());
         digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// A fault of the scenario found later, with the place of its key.
+    pub fn violation(&self, key: &str, rule: &str) -> String {
+        match self.places.get(key) {
+            Some(place) => format!("{place}: {key}: {rule}"),
+            None => format!("{}: {key}: {rule}", self.scenario.name),
+        }
     }
 
     /// Everything, sources included, as JSON for the log.
@@ -130,21 +145,76 @@ impl ResolvedBench {
     }
 }
 
-struct ResolvedCar {
-    car: Car,
-    front_axle: Axle,
-    rear_axle: Option<Axle>,
-    tyres: Vec<TextFile>,
+/// A car with the files that it names, for runs without a bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ResolvedCar {
+    /// The car.
+    pub car: Car,
+    /// The front suspension, if the car names one by its hardpoints.
+    pub front_axle: Option<Axle>,
+    /// The rear suspension, if the car names one by its hardpoints.
+    pub rear_axle: Option<Axle>,
+    /// Tyre property files: front, rear.
+    pub tyres: Vec<TextFile>,
+}
+
+impl ResolvedCar {
+    /// Loads a car (a path, or a shipped one by its bare name) and the files that it names. Overrides are
+    /// `path=value`; a path that starts with `front_axle.` or `rear_axle.` reaches into that section, any other, with or
+    /// without `car.` ahead, into the car.
+    ///
+    /// # Errors
+    /// All violations of all files at once.
+    pub fn load(car: &str, overrides: &[String]) -> Result<Self, Problems> {
+        let place = load::place_of_argument(car, Kind::Car)?;
+        let mut assembly = Assembly::new(overrides, "car");
+        for text in overrides {
+            if SECTIONS[3..].iter().any(|section| text.trim_start().starts_with(&format!("{section}."))) {
+                let rule = "there is no such section in a run of the car alone".to_owned();
+                assembly.problems.push(in_file(Mistake::Override, "--set", text, rule));
+            }
+        }
+        let resolved = assembly.car_at(&place).map(|(car, _)| car);
+        let mut problems = assembly.problems;
+        problems.sort();
+        match resolved {
+            Some(car) if problems.is_empty() => Ok(car),
+            _ => Err(problems),
+        }
+    }
+}
+
+/// Where keys whose values only the parts can judge were written.
+fn places(scenario: &Loaded<Scenario>) -> BTreeMap<String, String> {
+    let mut keys = Vec::new();
+    if let Some(equations) = &scenario.value.equations {
+        let mut entries = |list: &str, count: usize, fields: &[&str]| {
+            let all = (0..count).flat_map(|i| fields.iter().map(move |field| format!("[{i}].{field}")));
+            keys.extend(all.map(|entry| format!("equations.{list}{entry}")));
+        };
+        let count = |n: Option<usize>| n.unwrap_or(0);
+        let fields = ["name", "unit", "expression", "start"];
+        entries("variables", count(equations.variables.as_ref().map(Vec::len)), &fields);
+        entries("imports", count(equations.imports.as_ref().map(Vec::len)), &["variable", "expression"]);
+        entries("outputs", count(equations.outputs.as_ref().map(Vec::len)), &fields[..3]);
+    }
+    keys.into_iter().map(|key| (key.clone(), scenario.written_at(&key))).collect()
 }
 
 /// Gathers the parts and everything that is wrong with them.
 struct Assembly<'a> {
     overrides: &'a [String],
+    /// Section that overrides reach without its name.
+    main: &'static str,
     problems: Problems,
     sources: Vec<TextFile>,
 }
 
-impl Assembly<'_> {
+impl<'a> Assembly<'a> {
+    fn new(overrides: &'a [String], main: &'static str) -> Self {
+        Self { overrides, main, problems: Problems::default(), sources: Vec::new() }
+    }
+
     /// The overrides of a section, their first part taken off.
     fn of(&self, section: &str) -> Vec<String> {
         let first = |text: &str| {
@@ -159,7 +229,7 @@ impl Assembly<'_> {
                     .then(|| text.trim_start().strip_prefix(head.as_str()))
                     .flatten()
                     .map(|rest| rest.strip_prefix('.').unwrap_or(rest).to_owned()),
-                None => (section == "scenario").then(|| text.clone()),
+                None => (section == self.main).then(|| text.clone()),
             })
             .collect()
     }
@@ -202,9 +272,20 @@ impl Assembly<'_> {
         self.keep(load::load_at::<T>(&place, &overrides))
     }
 
-    fn car(&mut self, scenario: &Draft) -> Option<ResolvedCar> {
+    fn car_of_bench(&mut self, scenario: &Draft) -> Option<(ResolvedCar, Axle)> {
         let place = self.place(scenario, "car_file", Kind::Car)?;
-        let mut draft = match Draft::read(&place, Kind::Car, &self.of("car")) {
+        let (mut car, draft) = self.car_at(&place)?;
+        if car.car.front.axle_file.is_none() {
+            let rule =
+                "must be given to run on the bench: its hardpoints are what the multibody solver poses";
+            self.problems.push(draft.violation(Mistake::MissingKey, "front.axle_file", rule.to_owned()));
+        }
+        let front_axle = car.front_axle.take()?;
+        Some((car, front_axle))
+    }
+
+    fn car_at(&mut self, place: &Place) -> Option<(ResolvedCar, Draft)> {
+        let mut draft = match Draft::read(place, Kind::Car, &self.of("car")) {
             Ok(draft) => draft,
             Err(problems) => {
                 self.problems.extend(problems);
@@ -213,18 +294,13 @@ impl Assembly<'_> {
         };
         let car = draft.finish::<Car>();
         let car = self.keep(car);
-        if car.as_ref().is_some_and(|car| car.value.front.axle_file.is_none()) {
-            let rule =
-                "must be given to run on the bench: its hardpoints are what the multibody solver poses";
-            self.problems.push(draft.violation(Mistake::MissingKey, "front.axle_file", rule.to_owned()));
-        }
         let front_axle = self.axle(&draft, "front");
         let rear_axle = self.axle(&draft, "rear");
         let tyres: Vec<_> = ["front", "rear"]
             .into_iter()
             .filter_map(|end| self.tyre(&draft, &format!("{end}.tyre_file")))
             .collect();
-        Some(ResolvedCar { car: car?.value, front_axle: front_axle?, rear_axle, tyres })
+        Some((ResolvedCar { car: car?.value, front_axle, rear_axle, tyres }, draft))
     }
 
     fn axle(&mut self, car: &Draft, end: &str) -> Option<Axle> {

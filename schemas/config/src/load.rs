@@ -47,6 +47,11 @@ impl Section for crate::unit::SteeringUnit {
     const KIND: Kind = Kind::Unit;
 }
 
+/// Lies in a file of its own for runs without a scenario; one that it extends is looked for among the scenarios.
+impl Section for crate::equations::Equations {
+    const KIND: Kind = Kind::Scenario;
+}
+
 impl Section for crate::axle::Axle {
     const KIND: Kind = Kind::Suspension;
 

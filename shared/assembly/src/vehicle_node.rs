@@ -1,7 +1,7 @@
 //! The vehicle node: rack in, car out, and what the manoeuvre asks of the hand wheel.
 
 use crate::guard::{Guard, Verdict};
-use crate::{AssemblyError, axle_kinematics, road};
+use crate::{AssemblyError, car, road};
 use config::ResolvedBench;
 use config::road::Road;
 use config::scenario::{Gear, Steer};
@@ -9,7 +9,6 @@ use manoeuvre::path::{Observed, PathDriver};
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{NO_TICK, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
-use tyre::Tyre;
 use vehicle::{AxleKinematics, GearMode, Vehicle, VehicleInput, VehicleOutput, WHEELS};
 
 const READS: &[InputSpec] = &[InputSpec { region: RegionId::RigMeasurement, when: When::SameTick }];
@@ -108,27 +107,17 @@ impl VehicleNode {
 
 /// The car of a resolved bench, at rest at its static equilibrium.
 pub(crate) fn build_vehicle(resolved: &ResolvedBench, period_s: f64) -> Result<Vehicle, AssemblyError> {
-    let car = &resolved.car;
-    let parse = |index: usize| match resolved.tyres.get(index).or(resolved.tyres.first()) {
-        Some(file) => {
-            Tyre::from_tir(&file.text, &file.name).map_err(|faults| AssemblyError::new("tyre", faults))
-        }
-        None => Err(AssemblyError::new("car", ["no tyre file is named"])),
-    };
-    let (front_tyre, rear_tyre) = (parse(0)?, parse(1)?);
-    let front = axle_kinematics(&resolved.front_axle, resolved.front_axle.rack_stroke_m)
-        .map_err(|faults| AssemblyError::new("front axle", faults))?;
-    let rear = match (&resolved.rear_axle, &car.rear.kinematics) {
-        (Some(axle), _) => axle_kinematics(axle, 0.0).map_err(|f| AssemblyError::new("rear axle", f))?,
-        (None, Some(ideal)) => AxleKinematics::ideal(ideal, &car.rear, car.body.wheelbase_m, 0.0)
-            .map_err(|fault| AssemblyError::new("rear axle", [fault]))?,
-        (None, None) => return Err(AssemblyError::new("car", ["rear: needs axle_file or kinematics"])),
-    };
-    sense(&front, resolved)?;
-    let tyres = [front_tyre.clone(), front_tyre, rear_tyre.clone(), rear_tyre];
-    Vehicle::new(car, [front, rear], tyres, period_s).map_err(|broken| {
-        AssemblyError::new("car", broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
-    })
+    let front_axle = Some(&resolved.front_axle);
+    let maps = car::maps(&resolved.car, front_axle, resolved.rear_axle.as_ref())?;
+    sense(&maps[0], resolved)?;
+    let mut vehicle = car::assemble(&resolved.car, maps, &resolved.tyres, period_s)?;
+    if let Some(section) = &resolved.scenario.equations {
+        vehicle.set_equations(section).map_err(|broken| {
+            let told = |b: config::Broken| resolved.violation(&format!("equations.{}", b.key), &b.rule);
+            AssemblyError::new("scenario", broken.into_iter().map(told))
+        })?;
+    }
+    Ok(vehicle)
 }
 
 /// A left turn of the hand wheel must steer left: the unit's pinion has to suit the axle's tie rods.
@@ -173,6 +162,7 @@ impl Model for VehicleNode {
         let (mut angle, mut rate) = (next.steering_wheel_angle_rad, next.steering_wheel_rate_rad_s);
         if verdict != Verdict::Stale {
             let held = self.vehicle.output().held_steps;
+            let faults = self.vehicle.equations().map_or(0, |equations| equations.faults());
             let input = self.input(step.n as f64 * self.period_s);
             self.vehicle.step(&input);
             let car = self.vehicle.output();
@@ -180,6 +170,14 @@ impl Model for VehicleNode {
                 flags |= model_flags::MODEL_FAULT;
             }
             fill(&mut self.last, car);
+            if let Some(equations) = self.vehicle.equations() {
+                if equations.faults() > faults {
+                    flags |= model_flags::EQUATION_FAULT;
+                }
+                for (slot, value) in self.last.user_output.iter_mut().zip(equations.values()) {
+                    *slot = *value;
+                }
+            }
             self.last.rack_displacement_m = [self.rack_m; 2];
             if let (Some(driver), HandWheel::PathDriver) = (&mut self.driver, next.hand_wheel) {
                 let seen = Observed {
