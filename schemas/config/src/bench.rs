@@ -5,21 +5,19 @@ use crate::axle::Axle;
 use crate::car::Car;
 use crate::check::Broken;
 use crate::library::Kind;
-use crate::load::{self, Draft, Loaded, Section};
+use crate::load::{self, Draft, Loaded, REFERENCE_BYTES_MAX, Section};
 use crate::problem::{Mistake, Problems, Violation};
-use crate::record::{self, MeasuredSignal, RecordedHistory, TimeSeries, Wanted};
+use crate::record::{self, ForeignRecord, MeasuredSignal, RecordedHistory, TimeSeries, Wanted};
 use crate::rig::Rig;
 use crate::scenario::{Scenario, Speed};
 use crate::steer::Steer;
+use crate::surface::SurfaceFiles;
 use crate::tree::{Place, Value};
 use crate::unit::SteeringUnit;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Largest tyre or hardpoint file. [bytes]
-const REFERENCE_BYTES_MAX: u64 = 64 << 20;
 
 /// Sections that `--set` reaches by the first part of its path; everything else is the scenario's.
 const SECTIONS: [&str; 5] = ["car", "front_axle", "rear_axle", "rig", "unit"];
@@ -52,6 +50,8 @@ pub struct ResolvedBench {
     pub unit: SteeringUnit,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
+    /// The road's surface, if the scenario names one.
+    pub surface: Option<SurfaceFiles>,
     /// Every configuration text that was read, for the log (overrides included).
     pub sources: Vec<TextFile>,
     /// Where keys of the scenario that are checked later were written, as `file:line:column`.
@@ -66,6 +66,18 @@ impl ResolvedBench {
     /// # Errors
     /// All violations of all files at once.
     pub fn load(scenario: &str, overrides: &[String]) -> Result<Self, Problems> {
+        Self::load_with(scenario, overrides, &|_, _, _| None)
+    }
+
+    /// As [`Self::load`]; recorded histories that are not CSV are read by `foreign`.
+    ///
+    /// # Errors
+    /// All violations of all files at once.
+    pub fn load_with(
+        scenario: &str,
+        overrides: &[String],
+        foreign: &ForeignRecord<'_>,
+    ) -> Result<Self, Problems> {
         let place = load::place_of_argument(scenario, Kind::Scenario)?;
         let mut assembly = Assembly::new(overrides, "scenario");
         let mut draft = Draft::read(&place, Kind::Scenario, &assembly.of("scenario"))?;
@@ -74,7 +86,8 @@ impl ResolvedBench {
         let unit = assembly.section::<SteeringUnit>(&draft, "unit_file", "unit");
         let car = assembly.car_of_bench(&draft);
         let scenario = assembly.keep(scenario);
-        let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded));
+        let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded, foreign));
+        let surface = scenario.as_ref().and_then(|loaded| assembly.surface(loaded));
         let Assembly { mut problems, sources, .. } = assembly;
         problems.sort();
         match (scenario, car, rig, unit, record) {
@@ -91,6 +104,7 @@ impl ResolvedBench {
                     rig: rig.value,
                     unit: unit.value,
                     record,
+                    surface,
                     sources,
                 })
             }
@@ -361,8 +375,36 @@ impl<'a> Assembly<'a> {
         }
     }
 
+    fn surface(&mut self, loaded: &Loaded<Scenario>) -> Option<SurfaceFiles> {
+        loaded.value.road.surface.as_ref()?;
+        let key = "road.surface.file";
+        let path = match named_path(loaded, key) {
+            Ok(path) => path,
+            Err(rule) => {
+                self.problems.push(loaded.violation(Mistake::NotFound, key, rule));
+                return None;
+            }
+        };
+        if !path.exists() {
+            let rule = format!("no such file: {}", path.display());
+            self.problems.push(loaded.violation(Mistake::NotFound, key, rule));
+            return None;
+        }
+        match SurfaceFiles::read(&path) {
+            Ok(files) => Some(files),
+            Err(problems) => {
+                self.problems.extend(problems);
+                None
+            }
+        }
+    }
+
     /// `None`: something is wrong; `Some(None)`: the scenario names no record.
-    fn record(&mut self, loaded: &Loaded<Scenario>) -> Option<Option<RecordedHistory>> {
+    fn record(
+        &mut self,
+        loaded: &Loaded<Scenario>,
+        foreign: &ForeignRecord<'_>,
+    ) -> Option<Option<RecordedHistory>> {
         let scenario = &loaded.value;
         let Some(window) = &scenario.record else { return Some(None) };
         let until_s = scenario.duration_s - scenario.warm_up_s;
@@ -377,7 +419,7 @@ impl<'a> Assembly<'a> {
                 offset: steer.offset_deg.to_radians(),
                 until_s,
             };
-            let series = self.series(loaded, "steer.file", &wanted);
+            let series = self.series(loaded, "steer.file", &wanted, foreign);
             self.low_pass(loaded, "steer.low_pass_hz", steer.low_pass_hz, series.as_ref());
             history.steering_wheel_angle_rad = series.map(|mut series| {
                 let clip = steer.clip_deg.to_radians();
@@ -396,7 +438,7 @@ impl<'a> Assembly<'a> {
                 offset: 0.0,
                 until_s,
             };
-            let series = self.series(loaded, "speed.file", &wanted);
+            let series = self.series(loaded, "speed.file", &wanted, foreign);
             self.low_pass(loaded, "speed.low_pass_hz", *low_pass_hz, series.as_ref());
             history.speed_m_s = series;
         }
@@ -409,7 +451,7 @@ impl<'a> Assembly<'a> {
                 offset: 0.0,
                 until_s,
             };
-            if let Some(series) = self.series(loaded, &format!("compare[{i}].file"), &wanted) {
+            if let Some(series) = self.series(loaded, &format!("compare[{i}].file"), &wanted, foreign) {
                 let (signal, column) = (compare.signal, compare.column.clone());
                 history.measured.push(MeasuredSignal { signal, column, series });
             }
@@ -433,7 +475,13 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    fn series(&mut self, loaded: &Loaded<Scenario>, key: &str, wanted: &Wanted<'_>) -> Option<TimeSeries> {
+    fn series(
+        &mut self,
+        loaded: &Loaded<Scenario>,
+        key: &str,
+        wanted: &Wanted<'_>,
+        foreign: &ForeignRecord<'_>,
+    ) -> Option<TimeSeries> {
         let path = match record_path(loaded, key) {
             Ok(path) => path,
             Err(rule) => {
@@ -447,12 +495,21 @@ impl<'a> Assembly<'a> {
             return None;
         }
         let csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-        if !csv {
-            let rule = "must be a .csv file; other records are exported to CSV first";
-            self.problems.push(loaded.violation(Mistake::Record, key, rule));
-            return None;
-        }
-        match record::read(&path, wanted) {
+        let series = if csv {
+            record::read(&path, wanted)
+        } else {
+            let name = path.display().to_string();
+            match foreign(&path, wanted.time_column, wanted.column) {
+                Some(Ok(samples)) => record::of_samples(&samples, &name, wanted),
+                Some(Err(rule)) => Err(Problems::one(in_file(Mistake::Record, &name, wanted.column, rule))),
+                None => {
+                    let rule = "must be a .csv file, or a log of this bench (.mcap, or a run's directory); \
+                                other records are exported to CSV first";
+                    Err(Problems::one(loaded.violation(Mistake::Record, key, rule)))
+                }
+            }
+        };
+        match series {
             Ok(series) => Some(series),
             Err(problems) => {
                 self.problems.extend(problems);
@@ -489,6 +546,19 @@ fn record_path(loaded: &Loaded<Scenario>, key: &str) -> Result<PathBuf, String> 
              itself with --set {key}=FILE"
         )
     })
+}
+
+/// The file named at a key, relative to the file that says it.
+fn named_path(loaded: &Loaded<Scenario>, key: &str) -> Result<PathBuf, String> {
+    let node = loaded.tree.at(key).ok_or("must name a file")?;
+    let Value::Text(file) = &node.value else { return Err("must name a file".to_owned()) };
+    match loaded.sources.get(node.origin.source).map(|source| &source.place) {
+        Some(Place::Disk(by)) => Ok(by.parent().unwrap_or(Path::new("")).join(file)),
+        Some(Place::Library(_)) if Path::new(file).is_relative() => {
+            Err(format!("is not shipped: give it with --set {key}=FILE"))
+        }
+        _ => Ok(PathBuf::from(file)),
+    }
 }
 
 fn in_file(mistake: Mistake, file: &str, key: &str, rule: String) -> Violation {

@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use crate::equations::Equations;
-pub use crate::road::{Crosswind, Friction, FrictionPatch, Road};
+pub use crate::road::{Crosswind, Friction, FrictionPatch, Outside, Road, Surface};
 pub use crate::steer::{
     DriverPath, Frequencies, GrowingSine, LaneChange, Parking, PathFollowing, Ramp, RandomSteer,
     RecordedSteer, Sine, SineWithDwell, Steer, SteerTable, Step, Weave,

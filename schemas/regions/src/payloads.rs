@@ -381,6 +381,8 @@ pub mod model_flags {
     pub const STALE: u64 = 1 << 6;
     /// A user's expression gave no finite number: its last value is kept.
     pub const EQUATION_FAULT: u64 = 1 << 7;
+    /// A wheel is beyond the grid of the road's surface, or in a hole of it.
+    pub const OFF_SURFACE: u64 = 1 << 8;
 }
 
 /// Bits of `flags` in rig measurement and status.

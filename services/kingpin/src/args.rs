@@ -42,6 +42,10 @@ pub enum Command {
     Compare(CompareArgs),
     /// Solve a suspension on its own: poses, joint and tie-rod forces, curves, methods compared
     Suspension(SuspensionArgs),
+    /// Evaluate a tyre on its own: tables of contacts, curves
+    Tyre(crate::commands::tyre::TyreArgs),
+    /// Drive a car on its own, away from any bench; its named variables
+    Vehicle(crate::commands::vehicle::VehicleArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell

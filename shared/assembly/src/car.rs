@@ -2,7 +2,7 @@
 
 use crate::{AssemblyError, axle_kinematics};
 use config::axle::Axle;
-use config::car::Car;
+use config::car::{Car, SteeringSystem};
 use config::{ResolvedCar, TextFile};
 use tyre::Tyre;
 use vehicle::{AxleKinematics, Vehicle};
@@ -23,18 +23,22 @@ pub(crate) fn maps(
     rear: Option<&Axle>,
 ) -> Result<[AxleKinematics; 2], AssemblyError> {
     let b = &car.body;
-    let map = |part, hardpoints: Option<&Axle>, axle: &config::car::CarAxle, rack_max_m: f64| {
-        match (hardpoints, &axle.kinematics) {
-            (Some(h), _) => {
-                let rack_m = if rack_max_m > 0.0 { h.rack_stroke_m } else { 0.0 };
-                axle_kinematics(h, rack_m).map_err(|faults| AssemblyError::new(part, faults))
-            }
-            (None, Some(constants)) => AxleKinematics::ideal(constants, axle, b.wheelbase_m, rack_max_m)
-                .map_err(|fault| AssemblyError::new(part, [fault])),
-            (None, None) => Err(AssemblyError::new(part, ["needs axle_file or kinematics"])),
+    let map = |part, hardpoints: Option<&Axle>, axle: &config::car::CarAxle, rack_max_m: f64| match (
+        hardpoints,
+        &axle.kinematics,
+    ) {
+        (Some(h), _) => {
+            let rack_m = if rack_max_m > 0.0 { h.rack_stroke_m } else { 0.0 };
+            axle_kinematics(h, rack_m).map_err(|faults| AssemblyError::new(part, faults))
         }
+        (None, Some(constants)) => AxleKinematics::ideal(constants, axle, b.wheelbase_m, rack_max_m)
+            .map_err(|fault| AssemblyError::new(part, [fault])),
+        (None, None) => Err(AssemblyError::new(part, ["needs axle_file or kinematics"])),
     };
-    let rack_max_m = car.steering.rack_travel_m().max(1e-3);
+    let rack_max_m = match &car.steering {
+        SteeringSystem::Kinematic { rack_travel_m, .. } => *rack_travel_m,
+        SteeringSystem::Assisted(steering) => steering.rack_travel_m,
+    };
     Ok([map("front axle", front, &car.front, rack_max_m)?, map("rear axle", rear, &car.rear, 0.0)?])
 }
 

@@ -10,7 +10,6 @@ mod kinematics;
 pub mod manifest;
 mod multibody_node;
 mod rig_node;
-mod road;
 pub mod service;
 mod vehicle_node;
 

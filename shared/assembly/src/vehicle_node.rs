@@ -1,15 +1,15 @@
 //! The vehicle node: rack in, car out, and what the manoeuvre asks of the hand wheel.
 
 use crate::guard::{Guard, Verdict};
-use crate::{AssemblyError, car, road};
+use crate::{AssemblyError, car};
 use config::ResolvedBench;
-use config::road::Road;
 use config::scenario::{Gear, Steer};
 use manoeuvre::path::{Observed, PathDriver};
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{NO_TICK, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
+use road::{Place, Road};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
-use vehicle::{AxleKinematics, GearMode, Vehicle, VehicleInput, VehicleOutput, WHEELS};
+use vehicle::{AxleKinematics, GearMode, RoadContact, Vehicle, VehicleInput, VehicleOutput, WHEELS};
 
 const READS: &[InputSpec] = &[InputSpec { region: RegionId::RigMeasurement, when: When::SameTick }];
 const NODES: &[NodeSpec] = &[NodeSpec {
@@ -30,6 +30,7 @@ pub struct VehicleNode {
     manoeuvre: Manoeuvre,
     driver: Option<PathDriver>,
     road: Road,
+    off_surface: bool,
     period_s: f64,
     rack_max_m: f64,
     gear: GearMode,
@@ -64,7 +65,9 @@ impl VehicleNode {
             vehicle,
             manoeuvre,
             driver,
-            road: scenario.road.clone(),
+            road: Road::new(&scenario.road, resolved.surface.as_ref())
+                .map_err(|fault| AssemblyError::new("road", [fault]))?,
+            off_surface: false,
             period_s,
             rack_max_m: resolved.front_axle.rack_stroke_m,
             gear: match scenario.gear {
@@ -85,11 +88,16 @@ impl VehicleNode {
     }
 
     /// The car's input for a step at `time_s`.
-    fn input(&self, time_s: f64) -> VehicleInput {
+    fn input(&mut self, time_s: f64) -> VehicleInput {
         let command = self.manoeuvre.at(time_s);
-        let wheels = &self.vehicle.output().wheels;
-        let places: [[f64; 2]; WHEELS] =
-            std::array::from_fn(|i| [wheels[i].centre_position_m[0], wheels[i].centre_position_m[1]]);
+        let car = self.vehicle.output();
+        let places: [Place; WHEELS] = std::array::from_fn(|i| {
+            let wheel = &car.wheels[i];
+            let [x_m, y_m, _] = wheel.centre_position_m;
+            Place { x_m, y_m, heading_rad: car.yaw_rad + wheel.steer_rad }
+        });
+        let contacts = self.road.contacts(&places);
+        self.off_surface = contacts.iter().any(|contact| contact.outside);
         VehicleInput {
             rack_displacement_m: Some(self.rack_m),
             steering_wheel_angle_rad: command.steering_wheel_angle_rad,
@@ -98,7 +106,12 @@ impl VehicleNode {
             hand_brake: 0.0,
             gear_mode: self.gear,
             target_speed_m_s: command.pedals.is_none().then_some(command.target_speed_m_s),
-            road: road::contacts(&self.road, &places),
+            road: contacts.map(|c| RoadContact {
+                height_m: c.height_m,
+                slope_x: c.slope_x,
+                slope_y: c.slope_y,
+                friction: c.friction,
+            }),
             wind_m_s: self.manoeuvre.wind_m_s(time_s),
             time_s,
         }
@@ -165,6 +178,9 @@ impl Model for VehicleNode {
             let faults = self.vehicle.equations().map_or(0, |equations| equations.faults());
             let input = self.input(step.n as f64 * self.period_s);
             self.vehicle.step(&input);
+            if self.off_surface {
+                flags |= model_flags::OFF_SURFACE;
+            }
             let car = self.vehicle.output();
             if car.held_steps > held {
                 flags |= model_flags::MODEL_FAULT;

@@ -1,6 +1,7 @@
 //! The commands, one file a group.
 
 mod configuration;
+mod history;
 mod log;
 mod procedure;
 mod run;
@@ -8,6 +9,8 @@ mod service;
 mod summary;
 mod suspension;
 mod table;
+pub mod tyre;
+pub mod vehicle;
 
 use crate::args::{Args, Command};
 use crate::exit::Exit;
@@ -27,6 +30,8 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Compare(args) => log::compare(&args),
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
+        Command::Tyre(args) => tyre::tyre(&args),
+        Command::Vehicle(args) => vehicle::vehicle(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());

@@ -14,8 +14,8 @@ use functional_model::{Formula, Formulas};
 const TIME: [(&str, &str); 2] = [("time_s", "s"), ("step_s", "s")];
 /// Words of the expression language that no variable can be called.
 const WORDS: &[&str] = &[
-    "pi", "and", "or", "not", "if", "min", "max", "clamp", "abs", "sign", "sqrt", "exp", "ln", "sin", "cos", "tan",
-    "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "norm", "dot", "cross",
+    "pi", "and", "or", "not", "if", "min", "max", "clamp", "abs", "sign", "sqrt", "exp", "ln", "sin", "cos",
+    "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "norm", "dot", "cross",
 ];
 
 /// A user output: name, unit, description.
@@ -87,7 +87,8 @@ impl Equations {
                     imports.push((Imports::find(&v.name), mode, unit, import.expression.as_str()));
                 }
                 None => {
-                    let near = closest(&import.variable, Imports::variables().iter().map(|v| v.name.as_str()));
+                    let near =
+                        closest(&import.variable, Imports::variables().iter().map(|v| v.name.as_str()));
                     let rule = if Exports::find(&import.variable).is_some() {
                         "can be read but not imported".to_owned()
                     } else {
@@ -118,10 +119,8 @@ impl Equations {
             };
             fault(key, error.rule.clone());
         }
-        let last: Vec<Formula<'_>> = outputs
-            .iter()
-            .map(|o| Formula { name: &o.name, unit: &o.unit, text: &o.expression })
-            .collect();
+        let last: Vec<Formula<'_>> =
+            outputs.iter().map(|o| Formula { name: &o.name, unit: &o.unit, text: &o.expression }).collect();
         let after = Formulas::compile(&names, &last);
         for error in after.as_ref().err().into_iter().flatten() {
             let word = if error.in_unit { "unit" } else { "expression" };
@@ -142,10 +141,13 @@ impl Equations {
         }
 
         // Only what is used is read each step.
-        let used: Vec<usize> = (0..names.len()).filter(|i| *i < 2 || *i >= own || before.uses(*i) || after.uses(*i)).collect();
+        let used: Vec<usize> =
+            (0..names.len()).filter(|i| *i < 2 || *i >= own || before.uses(*i) || after.uses(*i)).collect();
         let names: Vec<_> = used.iter().map(|i| names[*i]).collect();
-        let reads: Vec<ExportId> =
-            names[2..names.len() - variables.len()].iter().filter_map(|(name, _)| Exports::find(name)).collect();
+        let reads: Vec<ExportId> = names[2..names.len() - variables.len()]
+            .iter()
+            .filter_map(|(name, _)| Exports::find(name))
+            .collect();
         let again = |error: Vec<functional_model::FormulaError>| {
             error.into_iter().map(|e| Broken { key: String::new(), rule: e.rule }).collect::<Vec<_>>()
         };

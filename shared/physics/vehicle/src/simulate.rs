@@ -149,15 +149,9 @@ impl Simulation {
             }
         }
         match (steer, longitudinal) {
-            (Some((by, steer)), Some(longitudinal)) if problems.is_empty() => Ok(Self {
-                time,
-                by,
-                steer,
-                longitudinal,
-                ignored: table.ignored().to_vec(),
-                row: 0,
-                n: 0,
-            }),
+            (Some((by, steer)), Some(longitudinal)) if problems.is_empty() => {
+                Ok(Self { time, by, steer, longitudinal, ignored: table.ignored().to_vec(), row: 0, n: 0 })
+            }
             _ => Err(problems),
         }
     }

@@ -52,7 +52,11 @@ const CAR_IMPORTS: [(&str, &str, &str); 14] = [
     ("external_moment_x_n_m", "N*m", "air and external moment on the body about x"),
     ("external_moment_y_n_m", "N*m", "air and external moment on the body about y"),
     ("external_moment_z_n_m", "N*m", "air and external moment on the body about z"),
-    ("target_speed_m_s", "m/s", "speed for the controller to hold; REPLACE puts it to work, the others need one"),
+    (
+        "target_speed_m_s",
+        "m/s",
+        "speed for the controller to hold; REPLACE puts it to work, the others need one",
+    ),
     ("hand_brake", "1", "pull of the hand brake, 0 to 1"),
     ("wind_x_m_s", "m/s", "velocity of the air over ground, earth x"),
     ("wind_y_m_s", "m/s", "velocity of the air over ground, earth y"),
