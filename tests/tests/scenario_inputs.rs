@@ -67,15 +67,32 @@ expression = "fy_n_fl + fy_n_fr"
     assert_eq!((gust[3900], gust[4100]), (0.0, 1500.0));
     assert_eq!(log.signal("vehicle_state.user_output.axle_side_force").unwrap().unit, "kN");
     let sum = signal(&log, "vehicle_state.user_output.axle_side_force")[5000];
-    let forces = [1, 4].map(|k| log.column("vehicle_state", log.region("vehicle_state").unwrap().columns
-        .iter().map(|c| c.name.as_str()).filter(|n| n.starts_with("tyre_force_n.")).nth(k).unwrap()).unwrap()[5000]);
+    let forces = [1, 4].map(|k| {
+        log.column(
+            "vehicle_state",
+            log.region("vehicle_state")
+                .unwrap()
+                .columns
+                .iter()
+                .map(|c| c.name.as_str())
+                .filter(|n| n.starts_with("tyre_force_n."))
+                .nth(k)
+                .unwrap(),
+        )
+        .unwrap()[5000]
+    });
     assert!((sum - 1e-3 * (forces[0] + forces[1])).abs() < 1e-9, "{sum} {forces:?}");
     let drift = signal(&log, "vehicle_state.velocity_m_s.y");
     assert!(drift[3900].abs() < 0.01 && drift[5500].abs() > 0.02, "{} {}", drift[3900], drift[5500]);
-    assert!(signal(&log, "vehicle_state.user_output.2").iter().all(|v| v.is_nan()), "unused slots are absent");
+    assert!(
+        signal(&log, "vehicle_state.user_output.2").iter().all(|v| v.is_nan()),
+        "unused slots are absent"
+    );
 
     // Wrong ones are told with file and line, and nothing is started.
-    let text = std::fs::read_to_string(&file).unwrap().replace("\"gust\"\n[[equations.outputs]]", "\"gust * 1 m\"\n[[equations.outputs]]");
+    let text = std::fs::read_to_string(&file)
+        .unwrap()
+        .replace("\"gust\"\n[[equations.outputs]]", "\"gust * 1 m\"\n[[equations.outputs]]");
     let bad = scenario(folder.path(), "bad", &text);
     let ended = run(&bad, &folder.path().join("none"), "bad");
     assert_eq!(ended.status.code(), Some(2));
@@ -98,7 +115,7 @@ begin_x_m = 18.0
 begin_y_m = 0.0
 begin_height_m = 0.0
 heading_deg = 0.0
-height_scale = 1.0
+height_scale = 0.3
 outside = "zero"
 patch_length_m = 0.12
 patch_width_m = 0.15
@@ -114,7 +131,8 @@ patch_width_m = 0.15
     let travel = signal(&log, "vehicle_state.wheel_travel_m.front_left");
     let flags = log.column_u64("vehicle_state", "flags").unwrap();
     let rough = |from: f64, to: f64| {
-        let part: Vec<f64> = x.iter().zip(&travel).filter(|(x, _)| (from..to).contains(*x)).map(|(_, t)| *t).collect();
+        let part: Vec<f64> =
+            x.iter().zip(&travel).filter(|(x, _)| (from..to).contains(*x)).map(|(_, t)| *t).collect();
         assert!(part.len() > 500);
         let mean = part.iter().sum::<f64>() / part.len() as f64;
         (part.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / part.len() as f64).sqrt()
@@ -135,7 +153,11 @@ patch_width_m = 0.15
     assert!(told(&ended).contains("fileref.crg") && told(&ended).contains("OpenCRG"), "{}", told(&ended));
     let lost = scenario(folder.path(), "lost", &text.replace("belgian_block", "nowhere"));
     let ended = run(&lost, &folder.path().join("none"), "crglost");
-    assert!(told(&ended).contains("lost.toml:6:") && told(&ended).contains("no such file"), "{}", told(&ended));
+    assert!(
+        told(&ended).contains("lost.toml:6:") && told(&ended).contains("no such file"),
+        "{}",
+        told(&ended)
+    );
 }
 
 #[test]
