@@ -55,6 +55,7 @@ pub struct ResolvedBench {
     /// Every configuration text that was read, for the log (overrides included).
     pub sources: Vec<TextFile>,
     /// Where keys of the scenario that are checked later were written, as `file:line:column`.
+    #[serde(default)]
     pub places: BTreeMap<String, String>,
 }
 
