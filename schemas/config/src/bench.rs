@@ -5,21 +5,20 @@ use crate::axle::Axle;
 use crate::car::Car;
 use crate::check::Broken;
 use crate::library::Kind;
-use crate::load::{self, Draft, Loaded, Section};
+use crate::load::{self, Draft, Loaded, REFERENCE_BYTES_MAX, Section};
 use crate::model::ModelFiles;
 use crate::problem::{Mistake, Problems, Violation};
-use crate::record::{self, MeasuredSignal, RecordedHistory, TimeSeries, Wanted};
+use crate::record::{self, ForeignRecord, MeasuredSignal, RecordedHistory, TimeSeries, Wanted};
 use crate::rig::Rig;
 use crate::scenario::{Scenario, Speed};
 use crate::steer::Steer;
+use crate::surface::SurfaceFiles;
 use crate::tree::{Node, Place, Source, Value};
 use crate::unit::SteeringUnit;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Largest tyre or hardpoint file. [bytes]
-const REFERENCE_BYTES_MAX: u64 = 64 << 20;
 
 /// Sections that `--set` reaches by the first part of its path; everything else is the scenario's.
 const SECTIONS: [&str; 5] = ["car", "front_axle", "rear_axle", "rig", "unit"];
@@ -56,8 +55,13 @@ pub struct ResolvedBench {
     pub driveline_model: Option<ModelFiles>,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
+    /// The road's surface, if the scenario names one.
+    pub surface: Option<SurfaceFiles>,
     /// Every configuration text that was read, for the log (overrides included).
     pub sources: Vec<TextFile>,
+    /// Where keys of the scenario that are checked later were written, as `file:line:column`.
+    #[serde(default)]
+    pub places: BTreeMap<String, String>,
 }
 
 impl ResolvedBench {
@@ -68,25 +72,41 @@ impl ResolvedBench {
     /// # Errors
     /// All violations of all files at once.
     pub fn load(scenario: &str, overrides: &[String]) -> Result<Self, Problems> {
+        Self::load_with(scenario, overrides, &|_, _, _| None)
+    }
+
+    /// As [`Self::load`]; recorded histories that are not CSV are read by `foreign`.
+    ///
+    /// # Errors
+    /// All violations of all files at once.
+    pub fn load_with(
+        scenario: &str,
+        overrides: &[String],
+        foreign: &ForeignRecord<'_>,
+    ) -> Result<Self, Problems> {
         let place = load::place_of_argument(scenario, Kind::Scenario)?;
-        let mut assembly = Assembly { overrides, problems: Problems::default(), sources: Vec::new() };
+        let mut assembly = Assembly::new(overrides, "scenario");
         let mut draft = Draft::read(&place, Kind::Scenario, &assembly.of("scenario"))?;
         let scenario = draft.finish::<Scenario>();
         let rig = assembly.section::<Rig>(&draft, "rig_file", "rig");
         let unit = assembly.section::<SteeringUnit>(&draft, "unit_file", "unit");
         let unit_model =
             unit.as_ref().and_then(|unit| assembly.model(&unit.tree, &unit.sources, "model.file"));
-        let car = assembly.car(&draft);
+        let car = assembly.car_of_bench(&draft);
         let scenario = assembly.keep(scenario);
-        let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded));
+        let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded, foreign));
+        let surface = scenario.as_ref().and_then(|loaded| assembly.surface(loaded));
         let Assembly { mut problems, sources, .. } = assembly;
         problems.sort();
         match (scenario, car, rig, unit, record) {
-            (Some(scenario), Some(car), Some(rig), Some(unit), Some(record)) if problems.is_empty() => {
+            (Some(scenario), Some((car, front_axle)), Some(rig), Some(unit), Some(record))
+                if problems.is_empty() =>
+            {
                 Ok(Self {
+                    places: places(&scenario),
                     scenario: scenario.value,
                     car: car.car,
-                    front_axle: car.front_axle,
+                    front_axle,
                     rear_axle: car.rear_axle,
                     tyres: car.tyres,
                     rig: rig.value,
@@ -94,6 +114,7 @@ impl ResolvedBench {
                     unit_model,
                     driveline_model: car.driveline_model,
                     record,
+                    surface,
                     sources,
                 })
             }
@@ -106,6 +127,7 @@ impl ResolvedBench {
     pub fn canonical_json(&self) -> String {
         let mut canonical = self.clone();
         canonical.sources.clear();
+        canonical.places.clear();
         if let Some(record) = &mut canonical.scenario.record {
             record.directory = None;
         }
@@ -117,6 +139,14 @@ impl ResolvedBench {
     pub fn hash(&self) -> String {
         let digest = Sha256::digest(self.canonical_json().as_bytes());
         digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// A fault of the scenario found later, with the place of its key.
+    pub fn violation(&self, key: &str, rule: &str) -> String {
+        match self.places.get(key) {
+            Some(place) => format!("{place}: {key}: {rule}"),
+            None => format!("{}: {key}: {rule}", self.scenario.name),
+        }
     }
 
     /// Everything, sources included, as JSON for the log.
@@ -139,22 +169,78 @@ impl ResolvedBench {
     }
 }
 
-struct ResolvedCar {
-    car: Car,
-    front_axle: Axle,
-    rear_axle: Option<Axle>,
-    tyres: Vec<TextFile>,
-    driveline_model: Option<ModelFiles>,
+/// A car with the files that it names, for runs without a bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ResolvedCar {
+    /// The car.
+    pub car: Car,
+    /// The front suspension, if the car names one by its hardpoints.
+    pub front_axle: Option<Axle>,
+    /// The rear suspension, if the car names one by its hardpoints.
+    pub rear_axle: Option<Axle>,
+    /// Tyre property files: front, rear.
+    pub tyres: Vec<TextFile>,
+    /// The car's driveline model, if its file names one.
+    pub driveline_model: Option<ModelFiles>,
+}
+
+impl ResolvedCar {
+    /// Loads a car (a path, or a shipped one by its bare name) and the files that it names. Overrides are
+    /// `path=value`; a path that starts with `front_axle.` or `rear_axle.` reaches into that section, any other, with or
+    /// without `car.` ahead, into the car.
+    ///
+    /// # Errors
+    /// All violations of all files at once.
+    pub fn load(car: &str, overrides: &[String]) -> Result<Self, Problems> {
+        let place = load::place_of_argument(car, Kind::Car)?;
+        let mut assembly = Assembly::new(overrides, "car");
+        for text in overrides {
+            if SECTIONS[3..].iter().any(|section| text.trim_start().starts_with(&format!("{section}."))) {
+                let rule = "there is no such section in a run of the car alone".to_owned();
+                assembly.problems.push(in_file(Mistake::Override, "--set", text, rule));
+            }
+        }
+        let resolved = assembly.car_at(&place).map(|(car, _)| car);
+        let mut problems = assembly.problems;
+        problems.sort();
+        match resolved {
+            Some(car) if problems.is_empty() => Ok(car),
+            _ => Err(problems),
+        }
+    }
+}
+
+/// Where keys whose values only the parts can judge were written.
+fn places(scenario: &Loaded<Scenario>) -> BTreeMap<String, String> {
+    let mut keys = Vec::new();
+    if let Some(equations) = &scenario.value.equations {
+        let mut entries = |list: &str, count: usize, fields: &[&str]| {
+            let all = (0..count).flat_map(|i| fields.iter().map(move |field| format!("[{i}].{field}")));
+            keys.extend(all.map(|entry| format!("equations.{list}{entry}")));
+        };
+        let count = |n: Option<usize>| n.unwrap_or(0);
+        let fields = ["name", "unit", "expression", "start"];
+        entries("variables", count(equations.variables.as_ref().map(Vec::len)), &fields);
+        entries("imports", count(equations.imports.as_ref().map(Vec::len)), &["variable", "expression"]);
+        entries("outputs", count(equations.outputs.as_ref().map(Vec::len)), &fields[..3]);
+    }
+    keys.into_iter().map(|key| (key.clone(), scenario.written_at(&key))).collect()
 }
 
 /// Gathers the parts and everything that is wrong with them.
 struct Assembly<'a> {
     overrides: &'a [String],
+    /// Section that overrides reach without its name.
+    main: &'static str,
     problems: Problems,
     sources: Vec<TextFile>,
 }
 
-impl Assembly<'_> {
+impl<'a> Assembly<'a> {
+    fn new(overrides: &'a [String], main: &'static str) -> Self {
+        Self { overrides, main, problems: Problems::default(), sources: Vec::new() }
+    }
+
     /// The overrides of a section, their first part taken off.
     fn of(&self, section: &str) -> Vec<String> {
         let first = |text: &str| {
@@ -169,7 +255,7 @@ impl Assembly<'_> {
                     .then(|| text.trim_start().strip_prefix(head.as_str()))
                     .flatten()
                     .map(|rest| rest.strip_prefix('.').unwrap_or(rest).to_owned()),
-                None => (section == "scenario").then(|| text.clone()),
+                None => (section == self.main).then(|| text.clone()),
             })
             .collect()
     }
@@ -212,9 +298,20 @@ impl Assembly<'_> {
         self.keep(load::load_at::<T>(&place, &overrides))
     }
 
-    fn car(&mut self, scenario: &Draft) -> Option<ResolvedCar> {
+    fn car_of_bench(&mut self, scenario: &Draft) -> Option<(ResolvedCar, Axle)> {
         let place = self.place(scenario, "car_file", Kind::Car)?;
-        let mut draft = match Draft::read(&place, Kind::Car, &self.of("car")) {
+        let (mut car, draft) = self.car_at(&place)?;
+        if car.car.front.axle_file.is_none() {
+            let rule =
+                "must be given to run on the bench: its hardpoints are what the multibody solver poses";
+            self.problems.push(draft.violation(Mistake::MissingKey, "front.axle_file", rule.to_owned()));
+        }
+        let front_axle = car.front_axle.take()?;
+        Some((car, front_axle))
+    }
+
+    fn car_at(&mut self, place: &Place) -> Option<(ResolvedCar, Draft)> {
+        let mut draft = match Draft::read(place, Kind::Car, &self.of("car")) {
             Ok(draft) => draft,
             Err(problems) => {
                 self.problems.extend(problems);
@@ -223,11 +320,6 @@ impl Assembly<'_> {
         };
         let car = draft.finish::<Car>();
         let car = self.keep(car);
-        if car.as_ref().is_some_and(|car| car.value.front.axle_file.is_none()) {
-            let rule =
-                "must be given to run on the bench: its hardpoints are what the multibody solver poses";
-            self.problems.push(draft.violation(Mistake::MissingKey, "front.axle_file", rule.to_owned()));
-        }
         let front_axle = self.axle(&draft, "front");
         let rear_axle = self.axle(&draft, "rear");
         let tyres: Vec<_> = ["front", "rear"]
@@ -236,7 +328,7 @@ impl Assembly<'_> {
             .collect();
         let car = car?;
         let driveline_model = self.model(&car.tree, &car.sources, "driveline.file");
-        Some(ResolvedCar { car: car.value, front_axle: front_axle?, rear_axle, tyres, driveline_model })
+        Some((ResolvedCar { car: car.value, front_axle, rear_axle, tyres, driveline_model }, draft))
     }
 
     fn axle(&mut self, car: &Draft, end: &str) -> Option<Axle> {
@@ -320,8 +412,36 @@ impl Assembly<'_> {
         }
     }
 
+    fn surface(&mut self, loaded: &Loaded<Scenario>) -> Option<SurfaceFiles> {
+        loaded.value.road.surface.as_ref()?;
+        let key = "road.surface.file";
+        let path = match named_path(loaded, key) {
+            Ok(path) => path,
+            Err(rule) => {
+                self.problems.push(loaded.violation(Mistake::NotFound, key, rule));
+                return None;
+            }
+        };
+        if !path.exists() {
+            let rule = format!("no such file: {}", path.display());
+            self.problems.push(loaded.violation(Mistake::NotFound, key, rule));
+            return None;
+        }
+        match SurfaceFiles::read(&path) {
+            Ok(files) => Some(files),
+            Err(problems) => {
+                self.problems.extend(problems);
+                None
+            }
+        }
+    }
+
     /// `None`: something is wrong; `Some(None)`: the scenario names no record.
-    fn record(&mut self, loaded: &Loaded<Scenario>) -> Option<Option<RecordedHistory>> {
+    fn record(
+        &mut self,
+        loaded: &Loaded<Scenario>,
+        foreign: &ForeignRecord<'_>,
+    ) -> Option<Option<RecordedHistory>> {
         let scenario = &loaded.value;
         let Some(window) = &scenario.record else { return Some(None) };
         let until_s = scenario.duration_s - scenario.warm_up_s;
@@ -336,7 +456,7 @@ impl Assembly<'_> {
                 offset: steer.offset_deg.to_radians(),
                 until_s,
             };
-            let series = self.series(loaded, "steer.file", &wanted);
+            let series = self.series(loaded, "steer.file", &wanted, foreign);
             self.low_pass(loaded, "steer.low_pass_hz", steer.low_pass_hz, series.as_ref());
             history.steering_wheel_angle_rad = series.map(|mut series| {
                 let clip = steer.clip_deg.to_radians();
@@ -355,7 +475,7 @@ impl Assembly<'_> {
                 offset: 0.0,
                 until_s,
             };
-            let series = self.series(loaded, "speed.file", &wanted);
+            let series = self.series(loaded, "speed.file", &wanted, foreign);
             self.low_pass(loaded, "speed.low_pass_hz", *low_pass_hz, series.as_ref());
             history.speed_m_s = series;
         }
@@ -368,7 +488,7 @@ impl Assembly<'_> {
                 offset: 0.0,
                 until_s,
             };
-            if let Some(series) = self.series(loaded, &format!("compare[{i}].file"), &wanted) {
+            if let Some(series) = self.series(loaded, &format!("compare[{i}].file"), &wanted, foreign) {
                 let (signal, column) = (compare.signal, compare.column.clone());
                 history.measured.push(MeasuredSignal { signal, column, series });
             }
@@ -392,7 +512,13 @@ impl Assembly<'_> {
         }
     }
 
-    fn series(&mut self, loaded: &Loaded<Scenario>, key: &str, wanted: &Wanted<'_>) -> Option<TimeSeries> {
+    fn series(
+        &mut self,
+        loaded: &Loaded<Scenario>,
+        key: &str,
+        wanted: &Wanted<'_>,
+        foreign: &ForeignRecord<'_>,
+    ) -> Option<TimeSeries> {
         let path = match record_path(loaded, key) {
             Ok(path) => path,
             Err(rule) => {
@@ -406,12 +532,21 @@ impl Assembly<'_> {
             return None;
         }
         let csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-        if !csv {
-            let rule = "must be a .csv file; other records are exported to CSV first";
-            self.problems.push(loaded.violation(Mistake::Record, key, rule));
-            return None;
-        }
-        match record::read(&path, wanted) {
+        let series = if csv {
+            record::read(&path, wanted)
+        } else {
+            let name = path.display().to_string();
+            match foreign(&path, wanted.time_column, wanted.column) {
+                Some(Ok(samples)) => record::of_samples(&samples, &name, wanted),
+                Some(Err(rule)) => Err(Problems::one(in_file(Mistake::Record, &name, wanted.column, rule))),
+                None => {
+                    let rule = "must be a .csv file, or a log of this bench (.mcap, or a run's directory); \
+                                other records are exported to CSV first";
+                    Err(Problems::one(loaded.violation(Mistake::Record, key, rule)))
+                }
+            }
+        };
+        match series {
             Ok(series) => Some(series),
             Err(problems) => {
                 self.problems.extend(problems);
@@ -448,6 +583,19 @@ fn record_path(loaded: &Loaded<Scenario>, key: &str) -> Result<PathBuf, String> 
              itself with --set {key}=FILE"
         )
     })
+}
+
+/// The file named at a key, relative to the file that says it.
+fn named_path(loaded: &Loaded<Scenario>, key: &str) -> Result<PathBuf, String> {
+    let node = loaded.tree.at(key).ok_or("must name a file")?;
+    let Value::Text(file) = &node.value else { return Err("must name a file".to_owned()) };
+    match loaded.sources.get(node.origin.source).map(|source| &source.place) {
+        Some(Place::Disk(by)) => Ok(by.parent().unwrap_or(Path::new("")).join(file)),
+        Some(Place::Library(_)) if Path::new(file).is_relative() => {
+            Err(format!("is not shipped: give it with --set {key}=FILE"))
+        }
+        _ => Ok(PathBuf::from(file)),
+    }
 }
 
 fn in_file(mistake: Mistake, file: &str, key: &str, rule: String) -> Violation {

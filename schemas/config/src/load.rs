@@ -17,6 +17,8 @@ use std::path::{Component, Path, PathBuf};
 
 /// Longest chain of `extends`.
 pub const EXTENDS_MAX: usize = 8;
+/// Largest tyre or hardpoint file. [bytes]
+pub const REFERENCE_BYTES_MAX: u64 = 64 << 20;
 /// Largest configuration file. [bytes]
 pub const FILE_BYTES_MAX: u64 = 8 << 20;
 
@@ -45,6 +47,11 @@ impl Section for crate::rig::Rig {
 
 impl Section for crate::unit::SteeringUnit {
     const KIND: Kind = Kind::Unit;
+}
+
+/// Lies in a file of its own for runs without a scenario; one that it extends is looked for among the scenarios.
+impl Section for crate::equations::Equations {
+    const KIND: Kind = Kind::Scenario;
 }
 
 impl Section for crate::axle::Axle {
@@ -115,6 +122,16 @@ pub fn place_of_argument(reference: &str, kind: Kind) -> Result<Place, Problems>
         let violation = Violation::of_file(Mistake::NotFound, reference, lost.rule);
         Problems::one(Violation { suggestion: lost.suggestion, ..violation })
     })
+}
+
+/// The text of a file that is not TOML of ours: a path, or the bare name of a shipped file.
+///
+/// # Errors
+/// A name that the library does not have, a file that cannot be read.
+pub fn reference_text(reference: &str, kind: Kind) -> Result<crate::TextFile, Problems> {
+    let place = place_of_argument(reference, kind)?;
+    let text = read_text(&place, REFERENCE_BYTES_MAX).map_err(|violation| Problems::one(*violation))?;
+    Ok(crate::TextFile { name: place.name(), text })
 }
 
 /// A tree that is read and merged but not yet checked.

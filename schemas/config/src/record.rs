@@ -1,4 +1,4 @@
-//! Recorded histories: columns of CSV files, scaled to SI and moved to manoeuvre time.
+//! Recorded histories: columns of CSV files (and of others, read by whoever loads), scaled to SI and moved to manoeuvre time.
 //!
 //! Rules for the file: one header line with column names; comma-separated; time in seconds, never falling
 //! (equal times happen in real records and are kept; the crate `manoeuvre` averages them); every number
@@ -129,9 +129,8 @@ fn read_from(input: impl std::io::Read, name: &str, wanted: &Wanted<'_>) -> Resu
     let (Some(time_at), Some(value_at)) = (find(wanted.time_column), find(wanted.column)) else {
         return Err(problems);
     };
-    let mut series = TimeSeries::default();
+    let mut samples = Vec::new();
     let mut previous = f64::NEG_INFINITY;
-    let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
     let mut rows = 0_u64;
     for row in reader.into_records() {
         rows += 1;
@@ -167,6 +166,53 @@ fn read_from(input: impl std::io::Read, name: &str, wanted: &Wanted<'_>) -> Resu
             continue;
         }
         previous = time;
+        samples.push((time, value));
+    }
+    if rows == 0 {
+        problems.push(violation(0, "", "", "is empty: a header, but no rows".to_owned()));
+    }
+    problems.or(())?;
+    cut(samples.into_iter(), name, wanted)
+}
+
+/// Reads a record that is not CSV: samples of a column over its time column (`None`: no such format).
+pub type ForeignRecord<'a> = dyn Fn(&Path, &str, &str) -> Option<Result<Samples, String>> + 'a;
+
+/// Times and values as recorded.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Samples {
+    /// Times. [s]
+    pub time_s: Vec<f64>,
+    /// Values, in the record's unit.
+    pub value: Vec<f64>,
+}
+
+/// Makes a series of the samples of a foreign record; what is absent there (not finite) is left out.
+pub(crate) fn of_samples(samples: &Samples, name: &str, wanted: &Wanted<'_>) -> Result<TimeSeries, Problems> {
+    let whole = |rule: String| {
+        let violation = Violation::of_file(Mistake::Record, name, rule);
+        Problems::one(Violation { key: wanted.column.to_owned(), ..violation })
+    };
+    let pairs = samples.time_s.iter().copied().zip(samples.value.iter().copied());
+    let sound: Vec<(f64, f64)> = pairs.filter(|(t, v)| t.is_finite() && v.is_finite()).collect();
+    if sound.is_empty() {
+        return Err(whole("has no finite samples".to_owned()));
+    }
+    if let Some(pair) = sound.windows(2).find(|pair| pair[1].0 < pair[0].0) {
+        return Err(whole(format!("its time must not fall; after {} s comes {} s", pair[0].0, pair[1].0)));
+    }
+    cut(sound.into_iter(), name, wanted)
+}
+
+/// Scales samples, moves them to manoeuvre time and keeps those of the run.
+fn cut(
+    samples: impl Iterator<Item = (f64, f64)>,
+    name: &str,
+    wanted: &Wanted<'_>,
+) -> Result<TimeSeries, Problems> {
+    let mut series = TimeSeries::default();
+    let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (time, value) in samples {
         let tau = time + wanted.shift_s;
         (first, last) = (first.min(tau), tau);
         if (-MARGIN_S..=wanted.until_s + MARGIN_S).contains(&tau) {
@@ -174,19 +220,19 @@ fn read_from(input: impl std::io::Read, name: &str, wanted: &Wanted<'_>) -> Resu
             series.value.push(value * wanted.scale + wanted.offset);
         }
     }
-    if rows == 0 {
-        problems.push(violation(0, "", "", "is empty: a header, but no rows".to_owned()));
-    } else if problems.is_empty() && (first > SHORT_MAX_S || last < wanted.until_s - SHORT_MAX_S) {
-        let rule = format!(
+    let rule = if first > SHORT_MAX_S || last < wanted.until_s - SHORT_MAX_S {
+        format!(
             "covers manoeuvre time {first:.2} s to {last:.2} s, but the run needs 0 s to {:.2} s; change \
              duration_s, record.start_s or time_offset_s",
             wanted.until_s
-        );
-        problems.push(violation(0, wanted.column, "", rule));
-    } else if problems.is_empty() && series.time_s.len() < 2 {
-        problems.push(violation(0, wanted.column, "", "has fewer than two samples in the run".to_owned()));
-    }
-    problems.or(series)
+        )
+    } else if series.time_s.len() < 2 {
+        "has fewer than two samples in the run".to_owned()
+    } else {
+        return Ok(series);
+    };
+    let violation = Violation::of_file(Mistake::Record, name, rule);
+    Err(Problems::one(Violation { key: wanted.column.to_owned(), ..violation }))
 }
 
 #[cfg(test)]

@@ -19,6 +19,52 @@ pub struct Road {
     pub bank_percent: f64,
     /// Wind; absent: still air.
     pub crosswind: Option<Crosswind>,
+    /// OpenCRG surface on top of grade and bank; absent: none.
+    pub surface: Option<Surface>,
+}
+
+/// An OpenCRG surface: elevations over (u, v), u along a reference line, v to its left. Its own global frame is
+/// turned and moved so that the reference line begins where it is said here.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Surface {
+    /// The .crg file: a path beside this file.
+    pub file: String,
+    /// Where the reference line begins, x. [m], [-100000, 100000]
+    #[schemars(range(min = -1e5, max = 1e5))]
+    pub begin_x_m: f64,
+    /// Where the reference line begins, y. [m], [-100000, 100000]
+    #[schemars(range(min = -1e5, max = 1e5))]
+    pub begin_y_m: f64,
+    /// Height of the surface where the reference line begins, at v = 0. [m], [-1000, 1000]
+    #[schemars(range(min = -1000.0, max = 1000.0))]
+    pub begin_height_m: f64,
+    /// Heading of the reference line where it begins, left positive from +x. [deg], [-180, 180]
+    #[schemars(range(min = -180.0, max = 180.0))]
+    pub heading_deg: f64,
+    /// Factor on elevations relative to that of the begin. [-], [-10, 10]
+    #[schemars(range(min = -10.0, max = 10.0))]
+    pub height_scale: f64,
+    /// What is beyond the edges of the grid (and in its holes).
+    pub outside: Outside,
+    /// Length, along the wheel's heading, over which a plane is laid through the surface under a wheel. [m], [0.01, 1]
+    #[schemars(range(min = 0.01, max = 1.0))]
+    pub patch_length_m: f64,
+    /// Width of that area. [m], [0.01, 1]
+    #[schemars(range(min = 0.01, max = 1.0))]
+    pub patch_width_m: f64,
+}
+
+/// What is beyond the edges of a grid. Wheels out there raise a flag in every case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Outside {
+    /// The elevation of the nearest edge.
+    Hold,
+    /// Grade and bank alone.
+    Zero,
+    /// What the file's own border modes say (repeat, reflect, ...); where they say none, grade and bank alone.
+    File,
 }
 
 /// Scale of the tyre's own peak friction (1: the surface on which the tyre was measured).

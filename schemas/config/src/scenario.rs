@@ -13,7 +13,8 @@ use crate::check::{Check, Checker};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use crate::road::{Crosswind, Friction, FrictionPatch, Road};
+pub use crate::equations::Equations;
+pub use crate::road::{Crosswind, Friction, FrictionPatch, Outside, Road, Surface};
 pub use crate::steer::{
     DriverPath, Frequencies, GrowingSine, LaneChange, Parking, PathFollowing, Ramp, RandomSteer,
     RecordedSteer, Sine, SineWithDwell, Steer, SteerTable, Step, Weave,
@@ -62,6 +63,8 @@ pub struct Scenario {
     pub pedals: Option<Vec<PedalSpell>>,
     /// The road and the wind.
     pub road: Road,
+    /// Variables, imports and outputs defined as expressions.
+    pub equations: Option<Equations>,
     /// Where recorded histories lie and which part of them is replayed.
     pub record: Option<Record>,
     /// Measured signals to lay over the results.
@@ -351,6 +354,9 @@ impl Check for Scenario {
             });
         }
         c.within("road", |c| self.road.check(c));
+        if let Some(equations) = &self.equations {
+            c.within("equations", |c| equations.check(c));
+        }
     }
 }
 

@@ -65,7 +65,7 @@ payload! {
 
 payload! {
     /// The car at the end of the tick.
-    VehicleState version 1 {
+    VehicleState version 2 {
         /// Tick.
         tick: u64 One "1",
         /// Time the state is valid for: the end of the tick.
@@ -144,6 +144,8 @@ payload! {
         wheel_vertical_acceleration_m_s2: f64 Wheel "m/s^2",
         /// Moment about the kingpin by the car's own maps.
         kingpin_moment_n_m: f64 Side "N*m",
+        /// The user's outputs in the order of the scenario, each in its unit there; unused ones NaN.
+        user_output: f64 Index(16) "user",
     }
 }
 
@@ -393,6 +395,10 @@ pub mod model_flags {
     pub const MODEL_FAULT: u64 = 1 << 5;
     /// An input was older than its limit: the last outputs are held.
     pub const STALE: u64 = 1 << 6;
+    /// A user's expression gave no finite number: its last value is kept.
+    pub const EQUATION_FAULT: u64 = 1 << 7;
+    /// A wheel is beyond the grid of the road's surface, or in a hole of it.
+    pub const OFF_SURFACE: u64 = 1 << 8;
 }
 
 /// Bits of `flags` in rig measurement and status.

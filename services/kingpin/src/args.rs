@@ -44,6 +44,10 @@ pub enum Command {
     Suspension(SuspensionArgs),
     /// Functional models: check, compose, simulate, compare with a measurement, draw
     Model(crate::commands::ModelArgs),
+    /// Evaluate a tyre on its own: tables of contacts, curves
+    Tyre(crate::commands::tyre::TyreArgs),
+    /// Drive a car on its own, away from any bench; its named variables
+    Vehicle(crate::commands::vehicle::VehicleArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell

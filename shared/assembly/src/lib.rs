@@ -5,15 +5,16 @@
 //! multibody ([`Guard`]); the rig's are safety's.
 
 mod driveline;
+mod car;
 mod guard;
 mod kinematics;
 pub mod manifest;
 mod multibody_node;
 mod rig_node;
-mod road;
 pub mod service;
 mod vehicle_node;
 
+pub use car::build_car;
 pub use guard::Guard;
 pub use kinematics::axle_kinematics;
 

@@ -2,16 +2,15 @@
 
 use crate::driveline::ComposedDriveline;
 use crate::guard::{Guard, Verdict};
-use crate::{AssemblyError, axle_kinematics, road};
+use crate::{AssemblyError, car};
 use config::ResolvedBench;
-use config::road::Road;
 use config::scenario::{Gear, Steer};
 use manoeuvre::path::{Observed, PathDriver};
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{NO_TICK, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
+use road::{Place, Road};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
-use tyre::Tyre;
-use vehicle::{AxleKinematics, GearMode, Vehicle, VehicleInput, VehicleOutput, WHEELS};
+use vehicle::{AxleKinematics, GearMode, RoadContact, Vehicle, VehicleInput, VehicleOutput, WHEELS};
 
 const READS: &[InputSpec] = &[InputSpec { region: RegionId::RigMeasurement, when: When::SameTick }];
 const NODES: &[NodeSpec] = &[NodeSpec {
@@ -33,6 +32,7 @@ pub struct VehicleNode {
     manoeuvre: Manoeuvre,
     driver: Option<PathDriver>,
     road: Road,
+    off_surface: bool,
     period_s: f64,
     rack_max_m: f64,
     gear: GearMode,
@@ -70,7 +70,9 @@ impl VehicleNode {
             driveline,
             manoeuvre,
             driver,
-            road: scenario.road.clone(),
+            road: Road::new(&scenario.road, resolved.surface.as_ref())
+                .map_err(|fault| AssemblyError::new("road", [fault]))?,
+            off_surface: false,
             period_s,
             rack_max_m: resolved.front_axle.rack_stroke_m,
             gear: match scenario.gear {
@@ -100,11 +102,16 @@ impl VehicleNode {
     }
 
     /// The car's input for a step at `time_s`.
-    fn input(&self, time_s: f64) -> VehicleInput {
+    fn input(&mut self, time_s: f64) -> VehicleInput {
         let command = self.manoeuvre.at(time_s);
-        let wheels = &self.vehicle.output().wheels;
-        let places: [[f64; 2]; WHEELS] =
-            std::array::from_fn(|i| [wheels[i].centre_position_m[0], wheels[i].centre_position_m[1]]);
+        let car = self.vehicle.output();
+        let places: [Place; WHEELS] = std::array::from_fn(|i| {
+            let wheel = &car.wheels[i];
+            let [x_m, y_m, _] = wheel.centre_position_m;
+            Place { x_m, y_m, heading_rad: car.yaw_rad + wheel.steer_rad }
+        });
+        let contacts = self.road.contacts(&places);
+        self.off_surface = contacts.iter().any(|contact| contact.outside);
         VehicleInput {
             rack_displacement_m: Some(self.rack_m),
             steering_wheel_angle_rad: command.steering_wheel_angle_rad,
@@ -113,7 +120,12 @@ impl VehicleNode {
             hand_brake: 0.0,
             gear_mode: self.gear,
             target_speed_m_s: command.pedals.is_none().then_some(command.target_speed_m_s),
-            road: road::contacts(&self.road, &places),
+            road: contacts.map(|c| RoadContact {
+                height_m: c.height_m,
+                slope_x: c.slope_x,
+                slope_y: c.slope_y,
+                friction: c.friction,
+            }),
             wind_m_s: self.manoeuvre.wind_m_s(time_s),
             time_s,
         }
@@ -122,27 +134,17 @@ impl VehicleNode {
 
 /// The car of a resolved bench, at rest at its static equilibrium.
 pub(crate) fn build_vehicle(resolved: &ResolvedBench, period_s: f64) -> Result<Vehicle, AssemblyError> {
-    let car = &resolved.car;
-    let parse = |index: usize| match resolved.tyres.get(index).or(resolved.tyres.first()) {
-        Some(file) => {
-            Tyre::from_tir(&file.text, &file.name).map_err(|faults| AssemblyError::new("tyre", faults))
-        }
-        None => Err(AssemblyError::new("car", ["no tyre file is named"])),
-    };
-    let (front_tyre, rear_tyre) = (parse(0)?, parse(1)?);
-    let front = axle_kinematics(&resolved.front_axle, resolved.front_axle.rack_stroke_m)
-        .map_err(|faults| AssemblyError::new("front axle", faults))?;
-    let rear = match (&resolved.rear_axle, &car.rear.kinematics) {
-        (Some(axle), _) => axle_kinematics(axle, 0.0).map_err(|f| AssemblyError::new("rear axle", f))?,
-        (None, Some(ideal)) => AxleKinematics::ideal(ideal, &car.rear, car.body.wheelbase_m, 0.0)
-            .map_err(|fault| AssemblyError::new("rear axle", [fault]))?,
-        (None, None) => return Err(AssemblyError::new("car", ["rear: needs axle_file or kinematics"])),
-    };
-    sense(&front, resolved)?;
-    let tyres = [front_tyre.clone(), front_tyre, rear_tyre.clone(), rear_tyre];
-    Vehicle::new(car, [front, rear], tyres, period_s).map_err(|broken| {
-        AssemblyError::new("car", broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
-    })
+    let front_axle = Some(&resolved.front_axle);
+    let maps = car::maps(&resolved.car, front_axle, resolved.rear_axle.as_ref())?;
+    sense(&maps[0], resolved)?;
+    let mut vehicle = car::assemble(&resolved.car, maps, &resolved.tyres, period_s)?;
+    if let Some(section) = &resolved.scenario.equations {
+        vehicle.set_equations(section).map_err(|broken| {
+            let told = |b: config::Broken| resolved.violation(&format!("equations.{}", b.key), &b.rule);
+            AssemblyError::new("scenario", broken.into_iter().map(told))
+        })?;
+    }
+    Ok(vehicle)
 }
 
 /// A left turn of the hand wheel must steer left: the unit's pinion has to suit the axle's tie rods.
@@ -187,6 +189,7 @@ impl Model for VehicleNode {
         let (mut angle, mut rate) = (next.steering_wheel_angle_rad, next.steering_wheel_rate_rad_s);
         if verdict != Verdict::Stale {
             let held = self.vehicle.output().held_steps;
+            let faults = self.vehicle.equations().map_or(0, |equations| equations.faults());
             let input = self.input(step.n as f64 * self.period_s);
             self.vehicle.step(&input);
             if let Some(driveline) = &mut self.driveline {
@@ -194,11 +197,22 @@ impl Model for VehicleNode {
                 let drive = driveline.step(&spins(&self.vehicle), &demand, self.period_s);
                 self.vehicle.set_outside_drive(Some(drive));
             }
+            if self.off_surface {
+                flags |= model_flags::OFF_SURFACE;
+            }
             let car = self.vehicle.output();
             if car.held_steps > held {
                 flags |= model_flags::MODEL_FAULT;
             }
             fill(&mut self.last, car);
+            if let Some(equations) = self.vehicle.equations() {
+                if equations.faults() > faults {
+                    flags |= model_flags::EQUATION_FAULT;
+                }
+                for (slot, value) in self.last.user_output.iter_mut().zip(equations.values()) {
+                    *slot = *value;
+                }
+            }
             self.last.rack_displacement_m = [self.rack_m; 2];
             if let (Some(driver), HandWheel::PathDriver) = (&mut self.driver, next.hand_wheel) {
                 let seen = Observed {

@@ -157,7 +157,9 @@ impl LogReader {
                 regions.push(region);
             }
         }
-        Ok(LogReader { header: header.unwrap_or_default(), files, events, regions })
+        let header = header.unwrap_or_default();
+        name_user_outputs(&mut regions, &header.configuration);
+        Ok(LogReader { header, files, events, regions })
     }
 
     /// All regions in the log, in the order of their definition.
@@ -410,6 +412,23 @@ impl RegionLog {
         let tick = self.words[start];
         self.ticks.push(tick);
         Some(tick)
+    }
+}
+
+/// The user's outputs lie in numbered slots; the configuration in the log says their names and units.
+fn name_user_outputs(regions: &mut [RegionLog], configuration: &str) {
+    let slots = regions.iter_mut().flat_map(|region| &mut region.columns);
+    let mut slots: Vec<_> = slots.filter(|column| column.name.starts_with("user_output.")).collect();
+    if slots.is_empty() || !configuration.contains("\"equations\"") {
+        return;
+    }
+    let Ok(configuration) = serde_json::from_str::<serde_json::Value>(configuration) else { return };
+    let outputs = configuration.pointer("/scenario/equations/outputs").and_then(|list| list.as_array());
+    for (slot, output) in slots.iter_mut().zip(outputs.into_iter().flatten()) {
+        if let (Some(name), Some(unit)) = (output["name"].as_str(), output["unit"].as_str()) {
+            slot.name = format!("user_output.{name}");
+            unit.clone_into(&mut slot.unit);
+        }
     }
 }
 

@@ -23,7 +23,7 @@ pub(crate) const RIG_BITS: [(u64, &str); 4] = [
 ];
 
 /// The same for the models' regions.
-pub(crate) const MODEL_BITS: [(u64, &str); 7] = [
+pub(crate) const MODEL_BITS: [(u64, &str); 9] = [
     (model_flags::HELD_INPUT, "held input"),
     (model_flags::REFUSED_INPUT, "refused input"),
     (model_flags::CAUGHT_UP, "caught up"),
@@ -31,6 +31,8 @@ pub(crate) const MODEL_BITS: [(u64, &str); 7] = [
     (model_flags::RESTORED, "restored"),
     (model_flags::MODEL_FAULT, "model fault"),
     (model_flags::STALE, "stale"),
+    (model_flags::EQUATION_FAULT, "equation without a finite result"),
+    (model_flags::OFF_SURFACE, "beyond the road's surface"),
 ];
 
 /// Bits of a region and what they are called.

@@ -87,7 +87,7 @@ fn describe(text: &str) -> String {
 
 /// `kingpin check`.
 pub fn check(args: &CheckArgs) -> Exit {
-    let resolved = match config::ResolvedBench::load(&args.scenario, &args.set) {
+    let resolved = match super::history::load_bench(&args.scenario, &args.set) {
         Ok(resolved) => resolved,
         Err(problems) => {
             if args.json {

@@ -1,6 +1,7 @@
 //! The commands, one file a group.
 
 mod configuration;
+mod history;
 mod log;
 mod model;
 mod procedure;
@@ -9,6 +10,8 @@ mod service;
 mod summary;
 mod suspension;
 mod table;
+pub mod tyre;
+pub mod vehicle;
 
 pub use model::ModelArgs;
 
@@ -31,6 +34,8 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
         Command::Model(args) => model::model(&args),
+        Command::Tyre(args) => tyre::tyre(&args),
+        Command::Vehicle(args) => vehicle::vehicle(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());

@@ -390,7 +390,7 @@ fn perform(
     let scenario = args.scenario.as_deref().unwrap_or(scenario);
     let mut overrides = args.set.clone();
     overrides.extend_from_slice(more);
-    let resolved = ResolvedBench::load(scenario, &overrides).map_err(Refusal::input)?;
+    let resolved = super::history::load_bench(scenario, &overrides).map_err(Refusal::input)?;
     let bench = table::Bench::new(&args.name).map_err(Refusal::input)?;
     std::fs::create_dir_all(directory)
         .map_err(|e| Refusal(Exit::Unavailable, format!("{}: {e}", directory.display())))?;

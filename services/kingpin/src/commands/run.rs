@@ -28,7 +28,7 @@ pub fn run(args: &RunArgs) -> Exit {
     if let Some(duration) = args.duration {
         overrides.push(format!("duration_s={duration:?}"));
     }
-    let resolved = match ResolvedBench::load(&args.scenario, &overrides) {
+    let resolved = match super::history::load_bench(&args.scenario, &overrides) {
         Ok(resolved) => resolved,
         Err(problems) => {
             if args.json {

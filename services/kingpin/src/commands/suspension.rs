@@ -4,7 +4,7 @@ mod columns;
 mod compare;
 mod curves;
 mod input;
-pub(super) mod page;
+pub mod page;
 mod solve;
 
 use crate::args::{SuspensionArgs, SuspensionCommand, SuspensionDescribeArgs};
@@ -37,7 +37,7 @@ pub fn suspension(args: &SuspensionArgs) -> Exit {
 type Wrong = String;
 
 /// Reads a text file of bounded size.
-fn read_text(path: &Path, bytes_max: u64) -> Result<String, Wrong> {
+pub fn read_text(path: &Path, bytes_max: u64) -> Result<String, Wrong> {
     let name = path.display().to_string();
     let fail = |mistake, rule: String| Violation::of_file(mistake, name.clone(), rule).to_string();
     let about = std::fs::metadata(path).map_err(|error| match error.kind() {

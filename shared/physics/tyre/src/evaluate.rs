@@ -1,7 +1,7 @@
 //! Evaluation of a table of contacts: CSV text in, CSV text out, columns as in the tyre reference tables.
 
 use crate::model::{Contact, Tyre, UseMode};
-use std::fmt;
+use config::{NumberTable, Problems};
 use std::fmt::Write as _;
 
 /// Columns of the input. `p_Pa` may be absent: then the file's inflation pressure holds, as it does for 0.
@@ -32,107 +32,45 @@ pub const OUTPUT_COLUMNS: [&str; 20] = [
     "Kxk_N",
 ];
 
-/// One thing wrong with an input table.
+/// An evaluated table.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct EvaluateError {
-    /// Line of the text, from 1.
-    pub line: usize,
-    /// Column name, empty when the whole line is meant.
-    pub column: String,
-    /// The value as written.
-    pub value: String,
-    /// The rule that is broken.
-    pub rule: String,
+pub struct Evaluated {
+    /// The results as CSV: [`INPUT_COLUMNS`], then [`OUTPUT_COLUMNS`], one row a row of the input.
+    pub text: String,
+    /// Columns of the input that were not read.
+    pub ignored: Vec<String>,
 }
 
-impl fmt::Display for EvaluateError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "line {}: {}", self.line, self.column)?;
-        if !self.value.is_empty() {
-            write!(f, " = {}", self.value)?;
-        }
-        write!(f, ": {}", self.rule)
-    }
-}
-
-impl std::error::Error for EvaluateError {}
-
-/// Violations beyond this number are not collected.
-const ERRORS_MAX: usize = 100;
-
-/// Evaluates each row of `input`. Columns other than [`INPUT_COLUMNS`] are ignored.
+/// Evaluates each row of the CSV text `input`; `file` is its name in messages. Columns may stand in any order; those
+/// other than [`INPUT_COLUMNS`] are not read.
 ///
 /// # Errors
-/// Missing columns, cells that are not finite numbers, a load below zero, a slip angle of a right angle or more; the
-/// first hundred of them.
-pub fn evaluate_csv(tyre: &Tyre, input: &str, mode: UseMode) -> Result<String, Vec<EvaluateError>> {
-    let mut reader =
-        csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(input.as_bytes());
-    let broken = |line: usize, column: &str, value: &str, rule: &str| EvaluateError {
-        line,
-        column: column.to_owned(),
-        value: value.to_owned(),
-        rule: rule.to_owned(),
-    };
-    let header = match reader.headers() {
-        Ok(header) => header.clone(),
-        Err(e) => return Err(vec![broken(1, "", "", &e.to_string())]),
-    };
-    let mut errors = Vec::new();
-    let at = INPUT_COLUMNS.map(|name| header.iter().position(|h| h == name));
-    for (name, index) in INPUT_COLUMNS.iter().zip(at) {
-        if index.is_none() && *name != "p_Pa" {
-            errors.push(broken(1, name, "", "missing column"));
-        }
-    }
-    if !errors.is_empty() {
-        return Err(errors);
-    }
-    let mut out = INPUT_COLUMNS.join(",");
-    out.push(',');
-    out.push_str(&OUTPUT_COLUMNS.join(","));
-    out.push('\n');
-    for record in reader.records() {
-        if errors.len() >= ERRORS_MAX {
-            break;
-        }
-        let record = match record {
-            Ok(record) => record,
-            Err(e) => {
-                let line = e.position().map_or(0, |p| usize::try_from(p.line()).unwrap_or(0));
-                errors.push(broken(line, "", "", "must have as many cells as the first line"));
-                continue;
+/// Every violation of the table: missing columns, cells that are not finite numbers, a load or pressure below zero, a
+/// slip angle of a right angle or more.
+pub fn evaluate_csv(tyre: &Tyre, input: &str, file: &str, mode: UseMode) -> Result<Evaluated, Problems> {
+    let table = NumberTable::read(input, file, &INPUT_COLUMNS[..6], &INPUT_COLUMNS[6..])?;
+    let columns = INPUT_COLUMNS.map(|name| table.column(name));
+    let rows = (0..table.rows()).map(|row| columns.map(|column| column.map_or(0.0, |values| values[row])));
+    let mut problems = Problems::default();
+    for (row, values) in rows.clone().enumerate() {
+        let mut require = |holds: bool, column: &str, rule: &str| {
+            if !holds {
+                problems.push(table.violation(row, column, rule));
             }
         };
-        let line = record.position().map_or(0, |p| usize::try_from(p.line()).unwrap_or(0));
-        let mut row = [0.0; 7];
-        for i in 0..row.len() {
-            let Some(index) = at[i] else { continue };
-            let cell = record.get(index).unwrap_or("");
-            match cell.parse::<f64>() {
-                Ok(value) if value.is_finite() => row[i] = value,
-                _ => errors.push(broken(line, INPUT_COLUMNS[i], cell, "must be a finite number")),
-            }
-        }
-        if row[0] < 0.0 {
-            errors.push(broken(line, "Fz_N", &row[0].to_string(), "must be >= 0"));
-        }
-        if row[2].abs() >= std::f64::consts::FRAC_PI_2 {
-            errors.push(broken(line, "alpha_rad", &row[2].to_string(), "must be in (-pi/2, pi/2)"));
-        }
-        if row[6] < 0.0 {
-            errors.push(broken(
-                line,
-                "p_Pa",
-                &row[6].to_string(),
-                "must be >= 0 (0: inflation pressure of the file)",
-            ));
-        }
-        if errors.is_empty() {
-            write_row(tyre, &mut row, mode, &mut out);
-        }
+        require(values[0] >= 0.0, "Fz_N", "must be >= 0");
+        require(values[2].abs() < std::f64::consts::FRAC_PI_2, "alpha_rad", "must be in (-pi/2, pi/2)");
+        require(values[6] >= 0.0, "p_Pa", "must be >= 0 (0: the inflation pressure of the file)");
     }
-    if errors.is_empty() { Ok(out) } else { Err(errors) }
+    problems.or(())?;
+    let mut text = INPUT_COLUMNS.join(",");
+    text.push(',');
+    text.push_str(&OUTPUT_COLUMNS.join(","));
+    text.push('\n');
+    for mut row in rows {
+        write_row(tyre, &mut row, mode, &mut text);
+    }
+    Ok(Evaluated { text, ignored: table.ignored().to_vec() })
 }
 
 fn write_row(tyre: &Tyre, row: &mut [f64; 7], mode: UseMode, out: &mut String) {

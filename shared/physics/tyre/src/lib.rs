@@ -20,7 +20,7 @@ mod tir;
 mod transient;
 mod turn_slip;
 
-pub use evaluate::{EvaluateError, INPUT_COLUMNS, OUTPUT_COLUMNS, evaluate_csv};
+pub use evaluate::{Evaluated, INPUT_COLUMNS, OUTPUT_COLUMNS, evaluate_csv};
 pub use model::{Contact, Forces, Shape, Tyre, TyreInfo, UseMode};
 pub use tir::{Side, Substituted, TirError, Version};
 pub use transient::{Motion, TransientState};

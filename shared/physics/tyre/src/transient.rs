@@ -28,6 +28,8 @@ use crate::turn_slip::Spin;
 const SLIP_MAX: f64 = 1.5;
 /// Ratio of damping of the standing tyre to the critical one of the mass that its load belongs to.
 const DAMPING_RATIO: f64 = 0.15;
+/// Shape factor of the curve without shifts that bounds the secant from below.
+const SHAPE: f64 = 1.6;
 /// Gravity, for that mass. [m/s²]
 const GRAVITY: f64 = 9.81;
 
@@ -344,10 +346,13 @@ impl Patch {
     #[inline]
     fn advance(&self, e: [f64; 2], dt: f64, allowance: f64) -> ([f64; 2], [f64; 2]) {
         let Self { c, sigma, vs, f_ss, .. } = self;
-        // |F_ss|, but not below what a saturating curve without shifts would give.
+        // |F_ss|, but not below a curve without shifts: the formula's force runs through zero beside zero slip (camber
+        // thrust, PHX, PHY), where the secant would shorten the relaxation length without end. Its slope at zero is K,
+        // so that near straight running it is σ that counts whatever the shifts; far out it gives 0.59 of the peak.
         let linear = self.demand * self.per_v;
         let most = 0.5 * (self.f_max[0] + self.f_max[1]);
-        let f_ref = (sq(f_ss[0]) + sq(f_ss[1])).sqrt().max(0.6 * linear * most / (linear + most)).max(1e-9);
+        let unshifted = most * sin(SHAPE * atan(linear / (SHAPE * most)));
+        let f_ref = (sq(f_ss[0]) + sq(f_ss[1])).sqrt().max(unshifted).max(1e-9);
         // 1: rolling (secant of the formula); 0: gross sliding near standstill (friction against Vs).
         let gross = self.slip_speed / self.speed.max(1e-12);
         let roll = (2.0 * (1.0 - gross)).clamp(0.0, 1.0).max(self.rolling);

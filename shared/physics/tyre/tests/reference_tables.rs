@@ -25,7 +25,8 @@ fn check(tyre: &str, mode: u32, set: &str) {
         return;
     };
     let model = Tyre::from_tir(&tir, tyre).unwrap_or_else(|e| panic!("{}", e[0]));
-    let ours = Table::parse(&evaluate_csv(&model, &csv, UseMode::from_number(mode).unwrap()).unwrap());
+    let ours = evaluate_csv(&model, &csv, "reference", UseMode::from_number(mode).unwrap()).unwrap();
+    let ours = Table::parse(&ours.text);
     let theirs = Table::parse(&csv);
     assert_eq!(ours.names, theirs.names);
     println!("{tyre} mode {mode} {set}: {} points; error relative to the table's peak:", ours.rows.len());

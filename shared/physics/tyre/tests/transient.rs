@@ -113,6 +113,68 @@ fn relaxation_length_is_the_files() {
 
 /// A standing tyre is a spring of the carcass stiffness that slides at the friction limit and gives back less than it
 /// took.
+/// Camber thrust, PHX and PHY move the zero of the force away from zero slip. The relaxation length stays the file's
+/// there too: it is no property of how near the total force is to zero.
+#[test]
+fn shifts_do_not_shorten_the_relaxation_length() {
+    let (speed, camber) = (20.0, 0.05);
+    let mut tried = 0;
+    for tyre in tyres() {
+        let info = tyre.info();
+        let sigma = tyre.relaxation_length_m(info.nominal_load_n, camber, info.inflation_pressure_pa);
+        for axis in 0..2 {
+            let pick = |f: &tyre::Forces| if axis == 0 { f.fx_n } else { f.fy_n };
+            let slips = |s: f64| if axis == 0 { [-s * speed, 0.0] } else { [0.0, s * speed] };
+            let at = |s: f64| Motion { camber_rad: camber, ..motion(&tyre, speed, slips(s)) };
+            let steady = |s: f64| {
+                pick(&tyre.steady_state(
+                    &Contact {
+                        vertical_load_n: info.nominal_load_n,
+                        slip_ratio: if axis == 0 { s } else { 0.0 },
+                        slip_angle_rad: if axis == 1 { s.atan() } else { 0.0 },
+                        camber_rad: camber,
+                        turn_slip_per_m: 0.0,
+                        speed_m_s: speed,
+                        pressure_pa: info.inflation_pressure_pa,
+                        friction_scale: [1.0; 2],
+                    },
+                    UseMode::AlphaStar,
+                ))
+            };
+            // The slip without force, by halving.
+            let (mut low, mut high) = (-0.03, 0.03);
+            if steady(low) * steady(high) > 0.0 {
+                continue;
+            }
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if steady(middle) * steady(low) > 0.0 { low = middle } else { high = middle }
+            }
+            let zero = low;
+            if zero.abs() < 5e-4 {
+                continue;
+            }
+            tried += 1;
+            let mut state = TransientState::default();
+            for _ in 0..5000 {
+                tyre.transient_step(&mut state, &at(zero), UseMode::AlphaStar, DT);
+            }
+            let start = pick(&tyre.transient_step(&mut state, &at(zero), UseMode::AlphaStar, DT));
+            let mut response = Vec::new();
+            for _ in 0..5000 {
+                let f = tyre.transient_step(&mut state, &at(zero + 1e-4), UseMode::AlphaStar, DT);
+                response.push(pick(&f) - start);
+            }
+            let last = *response.last().unwrap();
+            let reached = response.iter().position(|f| f / last >= 1.0 - (-1.0_f64).exp()).unwrap();
+            let error = (reached as f64 + 0.5) * DT * speed / sigma[axis] - 1.0;
+            println!("{} axis {axis}: zero at slip {zero:.5}, {:+.1} %", info.file_name, 100.0 * error);
+            assert!(error.abs() < 0.06, "{} axis {axis} around {zero}: {error}", info.file_name);
+        }
+    }
+    assert!(tried >= 6, "only {tried} tyres have a shift to try");
+}
+
 #[test]
 fn stands_as_spring_with_friction() {
     for tyre in tyres() {

@@ -11,6 +11,7 @@ mod brakes;
 mod chassis;
 mod curve;
 mod driveline;
+mod equations;
 mod hull;
 mod io;
 pub mod kinematics;
@@ -27,10 +28,11 @@ mod variables;
 mod vehicle;
 
 pub use driveline::{DriveDemand, OutsideDrive};
+pub use equations::{Equations, UserOutput};
 pub use io::{GearMode, RoadContact, VehicleInput, VehicleOutput, WHEELS, WheelOutput};
 pub use kinematics::{
     AxleKinematics, Grid, KingpinAxis, KnuckleMap, KnucklePose, KnuckleSample, knuckle_matrix,
 };
-pub use simulate::{SimulateError, simulate_csv};
+pub use simulate::{Simulation, simulate_csv};
 pub use variables::{ExportId, Exports, ImportId, ImportMode, Imports, Variable};
 pub use vehicle::{GRAVITY_M_S2, Vehicle};

@@ -24,6 +24,8 @@ impl Vehicle {
     /// equilibrium with the given inputs, centre of gravity above the earth origin. Not for the 1 ms path (it takes
     /// some thousand steps).
     pub fn reset(&mut self, speed_m_s: f64, input: &VehicleInput) {
+        // The user's equations begin with the first step, not with what leads to it.
+        let mut equations = self.take_equations();
         let speed = if speed_m_s.is_finite() { speed_m_s } else { 0.0 };
         let mut input = if input.finite() { *input } else { VehicleInput::default() };
         let start_time = input.time_s;
@@ -89,6 +91,10 @@ impl Vehicle {
         self.state.input.time_s = start_time;
         self.state.time = start_time;
         self.settled_output(start_time);
+        if let Some(equations) = &mut equations {
+            equations.reset(&self.output);
+        }
+        self.equations = equations;
     }
 
     /// Outputs at the start: those of the last settling step with the clock and the pinned quantities put right.

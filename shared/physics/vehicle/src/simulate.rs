@@ -1,49 +1,43 @@
-//! A run of the car from a table of inputs to a table of results, both CSV text.
+//! A run of the car from a table of inputs to a table of results.
 //!
 //! Input columns: `t_s` (increasing), one of `delta_road_rad` (mean road-wheel angle), `steering_wheel_rad`,
 //! `rack_disp_m`, and either `target_speed_mps` or `throttle` and `brake_pa` (then `initial_speed_mps` of the first row,
 //! if there, is the starting speed; else the car starts at rest). Values run in straight lines between rows. The
-//! car starts settled at the first row. One output row for each input row.
+//! car starts settled at the first row. One output row for each input row, the user's outputs last.
 //! Axes and signs ISO 8855 and ISO-W; `susp_defl_m` is positive in rebound.
 
 use crate::io::VehicleInput;
 use crate::vehicle::Vehicle;
-use std::fmt;
+use config::{NumberTable, Problems};
 use std::fmt::Write as _;
 
-/// One thing wrong with an input table.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SimulateError {
-    /// Line of the text, from 1; the header is line 1.
-    pub line: usize,
-    /// Column, empty when the whole line is meant.
-    pub column: String,
-    /// The value as written.
-    pub value: String,
-    /// The rule that is broken.
-    pub rule: String,
-}
-
-impl fmt::Display for SimulateError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "line {}: {}", self.line, self.column)?;
-        if !self.value.is_empty() {
-            write!(f, " = {}", self.value)?;
-        }
-        write!(f, ": {}", self.rule)
-    }
-}
-
-impl std::error::Error for SimulateError {}
-
-/// Violations beyond this number are not collected.
-const ERRORS_MAX: usize = 100;
 /// Longest run. [s]
 const DURATION_MAX_S: f64 = 36000.0;
 
 /// Columns of the output that are the car's.
-const CAR_COLUMNS: &str = "t_s,delta_road_rad,steering_wheel_rad,rack_disp_m,rack_force_N,v_x_mps,v_y_mps,x_m,y_m,\
-z_cg_m,yaw_rad,yawrate_rps,roll_rad,rollrate_rps,pitch_rad,ay_cg_mps2,ax_cg_mps2,beta_rad,throttle,gear,engine_rps";
+const CAR_COLUMNS: [&str; 21] = [
+    "t_s",
+    "delta_road_rad",
+    "steering_wheel_rad",
+    "rack_disp_m",
+    "rack_force_N",
+    "v_x_mps",
+    "v_y_mps",
+    "x_m",
+    "y_m",
+    "z_cg_m",
+    "yaw_rad",
+    "yawrate_rps",
+    "roll_rad",
+    "rollrate_rps",
+    "pitch_rad",
+    "ay_cg_mps2",
+    "ax_cg_mps2",
+    "beta_rad",
+    "throttle",
+    "gear",
+    "engine_rps",
+];
 /// Columns of each wheel, before its name.
 const WHEEL_COLUMNS: [&str; 13] = [
     "alpha_rad",
@@ -61,6 +55,12 @@ const WHEEL_COLUMNS: [&str; 13] = [
     "susp_defl_m",
 ];
 
+const STEERS: [(&str, SteerBy); 3] = [
+    ("delta_road_rad", SteerBy::RoadWheel),
+    ("steering_wheel_rad", SteerBy::SteeringWheel),
+    ("rack_disp_m", SteerBy::Rack),
+];
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum SteerBy {
     RoadWheel,
@@ -68,107 +68,144 @@ enum SteerBy {
     Rack,
 }
 
-struct Columns {
-    time: Vec<f64>,
-    steer: Vec<f64>,
-    by: SteerBy,
-    speed: Option<Vec<f64>>,
-    throttle: Vec<f64>,
-    brake: Vec<f64>,
-    initial: f64,
+#[derive(Debug, Clone)]
+enum Longitudinal {
+    Speed(Vec<f64>),
+    Pedals { throttle: Vec<f64>, brake_pa: Vec<f64>, initial_m_s: f64 },
 }
 
-/// Reads and checks the whole table.
-fn read(text: &str) -> Result<Columns, Vec<SimulateError>> {
-    let mut errors = Vec::new();
-    let broken = |line: usize, column: &str, value: &str, rule: &str| SimulateError {
-        line,
-        column: column.to_owned(),
-        value: value.to_owned(),
-        rule: rule.to_owned(),
-    };
-    let mut reader =
-        csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
-    let header = match reader.headers() {
-        Ok(header) => header.clone(),
-        Err(e) => return Err(vec![broken(1, "", "", &e.to_string())]),
-    };
-    let at = |name: &str| header.iter().position(|h| h == name);
-    let steers = [
-        ("delta_road_rad", SteerBy::RoadWheel),
-        ("steering_wheel_rad", SteerBy::SteeringWheel),
-        ("rack_disp_m", SteerBy::Rack),
-    ];
-    let given: Vec<_> = steers.iter().filter(|(name, _)| at(name).is_some()).collect();
-    if at("t_s").is_none() {
-        errors.push(broken(1, "t_s", "", "missing column"));
-    }
-    if given.len() != 1 {
-        let rule = "exactly one of delta_road_rad, steering_wheel_rad, rack_disp_m must be a column";
-        errors.push(broken(1, "", "", rule));
-    }
-    if at("target_speed_mps").is_some() == at("throttle").is_some() {
-        errors.push(broken(1, "", "", "either target_speed_mps, or throttle and brake_pa, must be columns"));
-    } else if at("throttle").is_some() && at("brake_pa").is_none() {
-        errors.push(broken(1, "brake_pa", "", "missing column, it goes with throttle"));
-    }
-    if !errors.is_empty() {
-        return Err(errors);
-    }
-    let names = ["t_s", given[0].0, "target_speed_mps", "throttle", "brake_pa", "initial_speed_mps"];
-    let mut values: [Vec<f64>; 6] = Default::default();
-    for record in reader.records() {
-        if errors.len() >= ERRORS_MAX {
-            break;
+/// A table of inputs being driven through.
+#[derive(Debug, Clone)]
+pub struct Simulation {
+    time: Vec<f64>,
+    by: SteerBy,
+    steer: Vec<f64>,
+    longitudinal: Longitudinal,
+    ignored: Vec<String>,
+    /// Next row to give.
+    row: usize,
+    /// Steps done.
+    n: u64,
+}
+
+impl Simulation {
+    /// Reads and checks the CSV text `input`; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// Every violation: missing or contradicting columns, cells that are not finite numbers, times that do not
+    /// increase.
+    pub fn read(input: &str, file: &str) -> Result<Self, Problems> {
+        let optional = [
+            "delta_road_rad",
+            "steering_wheel_rad",
+            "rack_disp_m",
+            "target_speed_mps",
+            "throttle",
+            "brake_pa",
+            "initial_speed_mps",
+        ];
+        let table = NumberTable::read(input, file, &["t_s"], &optional)?;
+        let mut problems = Problems::default();
+        let column = |name: &str| table.column(name).map(<[f64]>::to_vec);
+        let mut steers = STEERS.iter().filter_map(|(name, by)| column(name).map(|values| (*by, values)));
+        let (steer, second) = (steers.next(), steers.next());
+        if steer.is_none() || second.is_some() {
+            let rule = "exactly one of delta_road_rad, steering_wheel_rad, rack_disp_m must be a column";
+            problems.push(table.violation_of_header(rule));
         }
-        let record = match record {
-            Ok(record) => record,
-            Err(e) => {
-                let line = e.position().map_or(0, |p| usize::try_from(p.line()).unwrap_or(0));
-                errors.push(broken(line, "", "", "must have as many cells as the first line"));
-                continue;
+        let longitudinal = match (column("target_speed_mps"), column("throttle"), column("brake_pa")) {
+            (Some(speed), None, None) => Some(Longitudinal::Speed(speed)),
+            (None, Some(throttle), Some(brake_pa)) => {
+                let initial_m_s = table.column("initial_speed_mps").map_or(0.0, |values| values[0]);
+                Some(Longitudinal::Pedals { throttle, brake_pa, initial_m_s })
+            }
+            _ => {
+                let rule = "either target_speed_mps, or both throttle and brake_pa, must be columns";
+                problems.push(table.violation_of_header(rule));
+                None
             }
         };
-        let line = record.position().map_or(0, |p| usize::try_from(p.line()).unwrap_or(0));
-        for (name, column) in names.iter().zip(&mut values) {
-            let Some(index) = at(name) else { continue };
-            let cell = record.get(index).unwrap_or("");
-            match cell.parse::<f64>() {
-                Ok(v) if v.is_finite() => column.push(v),
-                _ => errors.push(broken(line, name, cell, "must be a finite number")),
+        let time = column("t_s").unwrap_or_default();
+        for row in 1..time.len() {
+            if time[row] <= time[row - 1] {
+                problems.push(table.violation(row, "t_s", "must increase from row to row"));
             }
         }
-        let time = &values[0];
-        if time.len() > 1 && time[time.len() - 1] <= time[time.len() - 2] {
-            errors.push(broken(
-                line,
-                "t_s",
-                &time[time.len() - 1].to_string(),
-                "must increase from row to row",
-            ));
+        if time.len() < 2 {
+            problems.push(table.violation_of_header("must have at least two rows"));
+        } else if time[time.len() - 1] - time[0] > DURATION_MAX_S {
+            problems.push(table.violation(time.len() - 1, "t_s", "must not span more than ten hours"));
         }
-    }
-    let [time, steer, speed, throttle, brake, initial] = values;
-    if errors.is_empty() {
-        match (time.first(), time.last()) {
-            (Some(first), Some(last)) if time.len() >= 2 => {
-                if last - first > DURATION_MAX_S {
-                    errors.push(broken(1, "t_s", &last.to_string(), "must not span more than ten hours"));
+        for (name, low, high, rule) in [
+            ("throttle", 0.0, 1.0, "must be in [0, 1]"),
+            ("brake_pa", 0.0, 1e8, "must be in [0, 1e8] Pa"),
+            ("target_speed_mps", -10.0, 120.0, "must be in [-10, 120] m/s"),
+            ("initial_speed_mps", -10.0, 120.0, "must be in [-10, 120] m/s"),
+        ] {
+            for (row, value) in table.column(name).into_iter().flatten().enumerate() {
+                if !(low..=high).contains(value) {
+                    problems.push(table.violation(row, name, rule));
                 }
             }
-            _ => errors.push(broken(1, "", "", "must have at least two rows")),
+        }
+        match (steer, longitudinal) {
+            (Some((by, steer)), Some(longitudinal)) if problems.is_empty() => {
+                Ok(Self { time, by, steer, longitudinal, ignored: table.ignored().to_vec(), row: 0, n: 0 })
+            }
+            _ => Err(problems),
         }
     }
-    if !errors.is_empty() {
-        return Err(errors);
-    }
-    let by = given[0].1;
-    let speed = at("target_speed_mps").is_some().then_some(speed);
-    let initial = speed.as_ref().map_or(initial.first().copied().unwrap_or(0.0), |s| s[0]);
-    Ok(Columns { time, steer, by, speed, throttle, brake, initial })
-}
 
-impl Columns {
+    /// Columns of the table that were not read.
+    #[must_use]
+    pub fn ignored(&self) -> &[String] {
+        &self.ignored
+    }
+
+    /// Rows in all.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.time.len()
+    }
+
+    /// Names of the values of a row.
+    #[must_use]
+    pub fn columns(vehicle: &Vehicle) -> Vec<String> {
+        let wheels = ["fl", "fr", "rl", "rr"];
+        let of_wheels = wheels.iter().flat_map(|w| WHEEL_COLUMNS.iter().map(move |c| format!("{c}_{w}")));
+        let own = vehicle.equations().map_or(&[][..], |equations| equations.outputs());
+        let car = CAR_COLUMNS.iter().map(|c| (*c).to_owned());
+        car.chain(of_wheels).chain(own.iter().map(|o| o.name.clone())).collect()
+    }
+
+    /// Drives `vehicle` to the next row and puts its values into `values`; false at the end. The first call settles the
+    /// car at the first row.
+    pub fn next_row(&mut self, vehicle: &mut Vehicle, values: &mut Vec<f64>) -> bool {
+        let step = vehicle.step_s();
+        let first = self.time[0];
+        if self.row >= self.time.len() {
+            return false;
+        }
+        if self.row == 0 {
+            let input = self.input(vehicle, 0, first - step, step);
+            let speed = match &self.longitudinal {
+                Longitudinal::Speed(speed) => speed[0],
+                Longitudinal::Pedals { initial_m_s, .. } => *initial_m_s,
+            };
+            vehicle.reset(speed, &VehicleInput { time_s: first, ..input });
+        } else {
+            // Times of steps are counted, not summed, so that they do not drift.
+            while first + (self.n as f64 + 0.5) * step < self.time[self.row] {
+                let input = self.input(vehicle, self.row - 1, first + self.n as f64 * step, step);
+                vehicle.step(&input);
+                self.n += 1;
+            }
+        }
+        put_row(vehicle, self.time[self.row], values);
+        self.row += 1;
+        true
+    }
+
     fn value(&self, column: &[f64], row: usize, t: f64) -> f64 {
         let next = (row + 1).min(self.time.len() - 1);
         let span = self.time[next] - self.time[row];
@@ -187,53 +224,46 @@ impl Columns {
             SteerBy::SteeringWheel => input.steering_wheel_angle_rad = steer,
             SteerBy::Rack => input.rack_displacement_m = Some(steer),
         }
-        match &self.speed {
-            Some(speed) => input.target_speed_m_s = Some(self.value(speed, row, t)),
-            None => {
-                input.throttle = self.value(&self.throttle, row, t);
-                input.brake_pressure_pa = self.value(&self.brake, row, t);
+        match &self.longitudinal {
+            Longitudinal::Speed(speed) => input.target_speed_m_s = Some(self.value(speed, row, t)),
+            Longitudinal::Pedals { throttle, brake_pa, .. } => {
+                input.throttle = self.value(throttle, row, t);
+                input.brake_pressure_pa = self.value(brake_pa, row, t);
             }
+        }
+        if matches!(&self.longitudinal, Longitudinal::Speed(speed) if speed[row] < 0.0) {
+            input.gear_mode = crate::io::GearMode::Reverse;
         }
         input
     }
 }
 
-/// Drives `vehicle` by the table `input`.
+/// Drives `vehicle` by the whole of a table; `file` is its name in messages.
 ///
 /// # Errors
-/// Missing or contradicting columns, cells that are not finite numbers, times that do not increase; the first hundred.
-pub fn simulate_csv(vehicle: &mut Vehicle, input: &str) -> Result<String, Vec<SimulateError>> {
-    let columns = read(input)?;
-    let step = vehicle.step_s();
-    let mut out = String::from(CAR_COLUMNS);
-    for wheel in ["fl", "fr", "rl", "rr"] {
-        for column in WHEEL_COLUMNS {
-            // Writing to a string cannot fail.
-            let _ = write!(out, ",{column}_{wheel}");
-        }
-    }
+/// As [`Simulation::read`].
+pub fn simulate_csv(vehicle: &mut Vehicle, input: &str, file: &str) -> Result<String, Problems> {
+    let mut simulation = Simulation::read(input, file)?;
+    let mut out = Simulation::columns(vehicle).join(",");
     out.push('\n');
-    let first = columns.time[0];
-    let start = columns.input(vehicle, 0, first - step, step);
-    vehicle.reset(columns.initial, &VehicleInput { time_s: first, ..start });
-    write_row(vehicle, first, &mut out);
-    let mut n = 0u64;
-    for row in 0..columns.time.len() - 1 {
-        // Times of steps are counted, not summed, so that they do not drift.
-        while first + (n as f64 + 0.5) * step < columns.time[row + 1] {
-            let now = columns.input(vehicle, row, first + n as f64 * step, step);
-            vehicle.step(&now);
-            n += 1;
+    let mut values = Vec::new();
+    while simulation.next_row(vehicle, &mut values) {
+        let mut separator = "";
+        for value in &values {
+            // Writing to a string cannot fail.
+            let _ = write!(out, "{separator}{value}");
+            separator = ",";
         }
-        write_row(vehicle, columns.time[row + 1], &mut out);
+        out.push('\n');
     }
     Ok(out)
 }
 
-fn write_row(vehicle: &Vehicle, time: f64, out: &mut String) {
+fn put_row(vehicle: &Vehicle, time: f64, values: &mut Vec<f64>) {
     let o = vehicle.output();
     let mean_steer = 0.5 * (o.wheels[0].kinematic_steer_rad + o.wheels[1].kinematic_steer_rad);
-    let car = [
+    values.clear();
+    values.extend([
         time,
         mean_steer,
         o.steering_wheel_angle_rad,
@@ -255,9 +285,9 @@ fn write_row(vehicle: &Vehicle, time: f64, out: &mut String) {
         o.throttle,
         f64::from(o.gear),
         o.engine_speed_rad_s,
-    ];
-    let wheels = o.wheels.iter().flat_map(|w| {
-        [
+    ]);
+    for w in &o.wheels {
+        values.extend([
             w.slip_angle_rad,
             w.slip_ratio,
             w.inclination_rad,
@@ -271,12 +301,7 @@ fn write_row(vehicle: &Vehicle, time: f64, out: &mut String) {
             w.steer_rad,
             w.centre_position_m[2],
             -w.travel_m,
-        ]
-    });
-    let mut separator = "";
-    for value in car.into_iter().chain(wheels) {
-        let _ = write!(out, "{separator}{value}");
-        separator = ",";
+        ]);
     }
-    out.push('\n');
+    values.extend_from_slice(vehicle.equations().map_or(&[], |equations| equations.values()));
 }

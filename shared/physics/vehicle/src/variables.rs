@@ -29,10 +29,10 @@ pub struct Variable {
 }
 
 /// Variables of the whole car that can be imported, in the order of their indices.
-const CAR_IMPORTS: [(&str, &str, &str); 10] = [
+const CAR_IMPORTS: [(&str, &str, &str); 14] = [
     ("steering_wheel_angle_rad", "rad", "steering-wheel angle, left positive"),
     ("rack_displacement_m", "m", "rack displacement, left positive; ADD and MULTIPLY need one to act on"),
-    ("throttle", "-", "throttle, 0 to 1, before the speed controller's replaces it"),
+    ("throttle", "1", "throttle, 0 to 1, before the speed controller's replaces it"),
     ("brake_pressure_pa", "Pa", "master pressure of the driver"),
     (
         "external_force_x_n",
@@ -49,24 +49,33 @@ const CAR_IMPORTS: [(&str, &str, &str); 10] = [
         "N",
         "air and external force on the body along z, at the sprung centre of gravity",
     ),
-    ("external_moment_x_n_m", "N m", "air and external moment on the body about x"),
-    ("external_moment_y_n_m", "N m", "air and external moment on the body about y"),
-    ("external_moment_z_n_m", "N m", "air and external moment on the body about z"),
+    ("external_moment_x_n_m", "N*m", "air and external moment on the body about x"),
+    ("external_moment_y_n_m", "N*m", "air and external moment on the body about y"),
+    ("external_moment_z_n_m", "N*m", "air and external moment on the body about z"),
+    (
+        "target_speed_m_s",
+        "m/s",
+        "speed for the controller to hold; REPLACE puts it to work, the others need one",
+    ),
+    ("hand_brake", "1", "pull of the hand brake, 0 to 1"),
+    ("wind_x_m_s", "m/s", "velocity of the air over ground, earth x"),
+    ("wind_y_m_s", "m/s", "velocity of the air over ground, earth y"),
 ];
 
 /// Variables of one wheel that can be imported.
-const WHEEL_IMPORTS: [(&str, &str, &str); 11] = [
+const WHEEL_IMPORTS: [(&str, &str, &str); 12] = [
     ("steer_rad", "rad", "rotation of the knuckle about the body's z, left positive"),
     ("inclination_rad", "rad", "rotation of the knuckle about x, top to the right positive"),
-    ("friction", "-", "friction of the road relative to the tyre's test surface"),
+    ("friction", "1", "friction of the road relative to the tyre's test surface"),
     ("tyre_fz_n", "N", "vertical tyre force"),
     ("tyre_fx_n", "N", "longitudinal tyre force"),
     ("tyre_fy_n", "N", "lateral tyre force, left positive"),
-    ("tyre_mx_n_m", "N m", "overturning moment"),
-    ("tyre_my_n_m", "N m", "rolling resistance moment"),
-    ("tyre_mz_n_m", "N m", "aligning moment"),
+    ("tyre_mx_n_m", "N*m", "overturning moment"),
+    ("tyre_my_n_m", "N*m", "rolling resistance moment"),
+    ("tyre_mz_n_m", "N*m", "aligning moment"),
     ("suspension_force_n", "N", "spring, stops, damper and anti-roll bar at the wheel, compression positive"),
-    ("brake_capacity_n_m", "N m", "largest friction torque of the brake"),
+    ("brake_capacity_n_m", "N*m", "largest friction torque of the brake"),
+    ("road_height_m", "m", "height of the road under the wheel, earth z"),
 ];
 
 /// The places of a wheel's imports.
@@ -82,6 +91,7 @@ pub(crate) mod wheel {
     pub const MZ: usize = 8;
     pub const SUSPENSION: usize = 9;
     pub const BRAKE: usize = 10;
+    pub const ROAD_HEIGHT: usize = 11;
 }
 
 /// The places of the car's imports.
@@ -92,6 +102,9 @@ pub(crate) mod whole {
     pub const BRAKE: usize = 3;
     pub const FORCE: usize = 4;
     pub const MOMENT: usize = 7;
+    pub const TARGET_SPEED: usize = 10;
+    pub const HAND_BRAKE: usize = 11;
+    pub const WIND: usize = 12;
 }
 
 const WHEEL_NAMES: [&str; WHEELS] = ["fl", "fr", "rl", "rr"];
@@ -210,43 +223,43 @@ const CAR_EXPORTS: &[(&str, &str, &str, Getter)] = &[
     ("pitch_rate_rad_s", "rad/s", "angular velocity about body y", |o, _| o.angular_velocity_rad_s[1]),
     ("body_yaw_rate_rad_s", "rad/s", "angular velocity about body z", |o, _| o.angular_velocity_rad_s[2]),
     ("yaw_rate_rad_s", "rad/s", "rate of the yaw angle", |o, _| o.yaw_rate_rad_s),
-    ("longitudinal_acceleration_m_s2", "m/s2", "horizontal, forward", |o, _| {
+    ("longitudinal_acceleration_m_s2", "m/s^2", "horizontal, forward", |o, _| {
         o.longitudinal_acceleration_m_s2
     }),
-    ("lateral_acceleration_m_s2", "m/s2", "horizontal, to the left, at the accelerometer", |o, _| {
+    ("lateral_acceleration_m_s2", "m/s^2", "horizontal, to the left, at the accelerometer", |o, _| {
         o.lateral_acceleration_m_s2
     }),
-    ("lateral_acceleration_cg_m_s2", "m/s2", "horizontal, to the left, at the centre of gravity", |o, _| {
+    ("lateral_acceleration_cg_m_s2", "m/s^2", "horizontal, to the left, at the centre of gravity", |o, _| {
         o.lateral_acceleration_cg_m_s2
     }),
-    ("vertical_acceleration_m_s2", "m/s2", "of the centre of gravity, earth z", |o, _| {
+    ("vertical_acceleration_m_s2", "m/s^2", "of the centre of gravity, earth z", |o, _| {
         o.vertical_acceleration_m_s2
     }),
-    ("accelerometer_x_m_s2", "m/s2", "reading of the body-fixed accelerometer, x", |o, _| {
+    ("accelerometer_x_m_s2", "m/s^2", "reading of the body-fixed accelerometer, x", |o, _| {
         o.accelerometer_m_s2[0]
     }),
-    ("accelerometer_y_m_s2", "m/s2", "reading of the body-fixed accelerometer, y", |o, _| {
+    ("accelerometer_y_m_s2", "m/s^2", "reading of the body-fixed accelerometer, y", |o, _| {
         o.accelerometer_m_s2[1]
     }),
-    ("accelerometer_z_m_s2", "m/s2", "reading of the body-fixed accelerometer, z", |o, _| {
+    ("accelerometer_z_m_s2", "m/s^2", "reading of the body-fixed accelerometer, z", |o, _| {
         o.accelerometer_m_s2[2]
     }),
     ("side_slip_angle_rad", "rad", "side-slip angle at the centre of gravity", |o, _| o.side_slip_angle_rad),
-    ("throttle_in_effect", "-", "throttle in effect", |o, _| o.throttle),
+    ("throttle_in_effect", "1", "throttle in effect", |o, _| o.throttle),
     ("master_pressure_pa", "Pa", "master pressure in effect", |o, _| o.master_pressure_pa),
-    ("gear", "-", "gear, 0 neutral, -1 reverse", |o, _| f64::from(o.gear)),
+    ("gear", "1", "gear, 0 neutral, -1 reverse", |o, _| f64::from(o.gear)),
     ("engine_speed_rad_s", "rad/s", "engine speed", |o, _| o.engine_speed_rad_s),
-    ("engine_torque_n_m", "N m", "engine torque", |o, _| o.engine_torque_n_m),
+    ("engine_torque_n_m", "N*m", "engine torque", |o, _| o.engine_torque_n_m),
     ("steering_wheel_angle_shown_rad", "rad", "steering-wheel angle", |o, _| o.steering_wheel_angle_rad),
-    ("steering_torque_n_m", "N m", "torsion-bar torque of the car's own steering", |o, _| {
+    ("steering_torque_n_m", "N*m", "torsion-bar torque of the car's own steering", |o, _| {
         o.steering_torque_n_m
     }),
     ("rack_displacement_shown_m", "m", "rack displacement", |o, _| o.rack_displacement_m),
     ("rack_force_n", "N", "force of the front wheels on the rack, left positive", |o, _| o.rack_force_n),
-    ("kingpin_moment_left_n_m", "N m", "moment about the left kingpin, turning left positive", |o, _| {
+    ("kingpin_moment_left_n_m", "N*m", "moment about the left kingpin, turning left positive", |o, _| {
         o.kingpin_moment_n_m[0]
     }),
-    ("kingpin_moment_right_n_m", "N m", "moment about the right kingpin, turning left positive", |o, _| {
+    ("kingpin_moment_right_n_m", "N*m", "moment about the right kingpin, turning left positive", |o, _| {
         o.kingpin_moment_n_m[1]
     }),
 ];
@@ -256,10 +269,10 @@ const WHEEL_EXPORTS: &[(&str, &str, &str, Getter)] = &[
     ("fx_n", "N", "longitudinal tyre force", |o, i| o.wheels[i].fx_n),
     ("fy_n", "N", "lateral tyre force, left positive", |o, i| o.wheels[i].fy_n),
     ("fz_n", "N", "vertical tyre force", |o, i| o.wheels[i].fz_n),
-    ("mx_n_m", "N m", "overturning moment", |o, i| o.wheels[i].mx_n_m),
-    ("my_n_m", "N m", "rolling resistance moment", |o, i| o.wheels[i].my_n_m),
-    ("mz_n_m", "N m", "aligning moment", |o, i| o.wheels[i].mz_n_m),
-    ("slip_ratio", "-", "longitudinal slip, driving positive", |o, i| o.wheels[i].slip_ratio),
+    ("mx_n_m", "N*m", "overturning moment", |o, i| o.wheels[i].mx_n_m),
+    ("my_n_m", "N*m", "rolling resistance moment", |o, i| o.wheels[i].my_n_m),
+    ("mz_n_m", "N*m", "aligning moment", |o, i| o.wheels[i].mz_n_m),
+    ("slip_ratio", "1", "longitudinal slip, driving positive", |o, i| o.wheels[i].slip_ratio),
     ("slip_angle_rad", "rad", "slip angle, ISO-W", |o, i| o.wheels[i].slip_angle_rad),
     ("centre_force_x_n", "N", "force on the knuckle at the wheel centre, knuckle x", |o, i| {
         o.wheels[i].centre_force_n[0]
@@ -270,13 +283,13 @@ const WHEEL_EXPORTS: &[(&str, &str, &str, Getter)] = &[
     ("centre_force_z_n", "N", "force on the knuckle at the wheel centre, knuckle z", |o, i| {
         o.wheels[i].centre_force_n[2]
     }),
-    ("centre_moment_x_n_m", "N m", "moment on the knuckle at the wheel centre, knuckle x", |o, i| {
+    ("centre_moment_x_n_m", "N*m", "moment on the knuckle at the wheel centre, knuckle x", |o, i| {
         o.wheels[i].centre_moment_n_m[0]
     }),
-    ("centre_moment_y_n_m", "N m", "moment on the knuckle at the wheel centre, knuckle y", |o, i| {
+    ("centre_moment_y_n_m", "N*m", "moment on the knuckle at the wheel centre, knuckle y", |o, i| {
         o.wheels[i].centre_moment_n_m[1]
     }),
-    ("centre_moment_z_n_m", "N m", "moment on the knuckle at the wheel centre, knuckle z", |o, i| {
+    ("centre_moment_z_n_m", "N*m", "moment on the knuckle at the wheel centre, knuckle z", |o, i| {
         o.wheels[i].centre_moment_n_m[2]
     }),
     ("centre_height_m", "m", "height of the wheel centre, earth z", |o, i| o.wheels[i].centre_position_m[2]),
@@ -284,11 +297,11 @@ const WHEEL_EXPORTS: &[(&str, &str, &str, Getter)] = &[
     ("vertical_velocity_m_s", "m/s", "of the wheel centre, earth z", |o, i| {
         o.wheels[i].vertical_velocity_m_s
     }),
-    ("vertical_acceleration_m_s2", "m/s2", "of the wheel centre, earth z", |o, i| {
+    ("vertical_acceleration_m_s2", "m/s^2", "of the wheel centre, earth z", |o, i| {
         o.wheels[i].vertical_acceleration_m_s2
     }),
-    ("brake_torque_n_m", "N m", "brake torque on the wheel", |o, i| o.wheels[i].brake_torque_n_m),
-    ("drive_torque_n_m", "N m", "drive-shaft torque on the wheel", |o, i| o.wheels[i].drive_torque_n_m),
+    ("brake_torque_n_m", "N*m", "brake torque on the wheel", |o, i| o.wheels[i].brake_torque_n_m),
+    ("drive_torque_n_m", "N*m", "drive-shaft torque on the wheel", |o, i| o.wheels[i].drive_torque_n_m),
     ("brake_pressure_pa", "Pa", "wheel brake pressure", |o, i| o.wheels[i].brake_pressure_pa),
     ("road_inclination_rad", "rad", "inclination to the road, ISO-W", |o, i| o.wheels[i].inclination_rad),
     ("camber_rad", "rad", "camber relative to the body, top outward positive", |o, i| o.wheels[i].camber_rad),

@@ -16,6 +16,7 @@ use crate::aerodynamics::Aerodynamics;
 use crate::brakes::Brakes;
 use crate::chassis::{self, Handed, Masses, StationLoad};
 use crate::driveline::{DriveDemand, Driveline, OutsideDrive, SpinTorques};
+use crate::equations::Equations;
 use crate::hull::Hull;
 use crate::io::{GearMode, VehicleInput, VehicleOutput, WHEELS};
 use crate::kinematics::AxleKinematics;
@@ -78,6 +79,7 @@ pub struct Vehicle {
     pub(crate) design_height_m: f64,
     pub(crate) state: State,
     imports: Imports,
+    pub(crate) equations: Option<Box<Equations>>,
     pub(crate) output: VehicleOutput,
 }
 
@@ -203,6 +205,7 @@ impl Vehicle {
             kinematics,
             state: State::zero(),
             imports: Imports::default(),
+            equations: None,
             output: VehicleOutput::default(),
         };
         vehicle.reset(0.0, &VehicleInput::default());
@@ -263,10 +266,34 @@ impl Vehicle {
         &mut self.imports
     }
 
+    /// Takes the user's variables, imports and outputs on, from the next [`Self::reset`] on.
+    ///
+    /// # Errors
+    /// Names and expressions that are wrong, by their key within the section.
+    pub fn set_equations(&mut self, section: &config::equations::Equations) -> Result<(), Vec<Broken>> {
+        let mut equations = Box::new(Equations::new(section, self.step_s)?);
+        equations.reset(&self.output);
+        self.equations = Some(equations);
+        Ok(())
+    }
+
+    /// The equations, their imports no longer in force.
+    pub(crate) fn take_equations(&mut self) -> Option<Box<Equations>> {
+        let equations = self.equations.take()?;
+        equations.release(&mut self.imports);
+        Some(equations)
+    }
+
+    /// The user's equations, if there are any.
+    #[must_use]
+    pub fn equations(&self) -> Option<&Equations> {
+        self.equations.as_deref()
+    }
+
     /// Numbers in a saved state.
     #[must_use]
     pub fn state_len(&self) -> usize {
-        State::len()
+        State::len() + self.equations.as_ref().map_or(0, |equations| equations.state_len())
     }
 
     /// Writes the state; `to` holds at least [`Self::state_len`] numbers.
@@ -278,12 +305,18 @@ impl Vehicle {
                 *slot = *v;
             }
         });
+        if let Some(equations) = &self.equations {
+            equations.save_state(slots.into_slice());
+        }
     }
 
     /// Restores what [`Self::save_state`] wrote. The outputs are those of a step on the last input from there, with
     /// the clock put back, until the next step brings its own.
     pub fn load_state(&mut self, from: &[f64]) {
-        assert!(from.len() >= State::len(), "a saved vehicle state has {} numbers", State::len());
+        assert!(from.len() >= self.state_len(), "a saved vehicle state has {} numbers", self.state_len());
+        if let Some(equations) = &mut self.equations {
+            equations.load_state(&from[State::len()..]);
+        }
         let mut values = from.iter();
         self.state.visit(&mut |v| {
             if let Some(value) = values.next() {
@@ -291,7 +324,10 @@ impl Vehicle {
             }
         });
         let state = self.state;
+        // The step that brings the outputs back is not one of the equations'.
+        let equations = self.equations.take();
         self.step(&state.input);
+        self.equations = equations;
         self.state = state;
         self.output.time_s = state.time;
     }
@@ -300,6 +336,9 @@ impl Vehicle {
     /// last good one and is counted.
     pub fn step(&mut self, input: &VehicleInput) {
         let before = self.state;
+        if let Some(equations) = &mut self.equations {
+            equations.before(input.time_s, &mut self.imports);
+        }
         if input.finite() {
             self.state.input = *input;
         } else {
@@ -315,6 +354,17 @@ impl Vehicle {
             };
             input.throttle = i.car(whole::THROTTLE, input.throttle);
             input.brake_pressure_pa = i.car(whole::BRAKE, input.brake_pressure_pa);
+            input.target_speed_m_s = match input.target_speed_m_s {
+                Some(speed) => Some(i.car(whole::TARGET_SPEED, speed)),
+                None => i.replacement(whole::TARGET_SPEED),
+            };
+            input.hand_brake = i.car(whole::HAND_BRAKE, input.hand_brake);
+            for k in 0..2 {
+                input.wind_m_s[k] = i.car(whole::WIND + k, input.wind_m_s[k]);
+            }
+            for (k, road) in input.road.iter_mut().enumerate() {
+                road.height_m = i.wheel(k, wheel::ROAD_HEIGHT, road.height_m);
+            }
         }
         let control = self.control(&input);
         let mut found = None;
@@ -335,6 +385,9 @@ impl Vehicle {
             self.state.time = self.output.time_s + self.step_s;
             self.output.time_s = self.state.time;
             self.output.held_steps = held;
+        }
+        if let Some(equations) = &mut self.equations {
+            equations.after(&self.output);
         }
     }
 

@@ -13,6 +13,11 @@ static ALLOCATOR: AllocDisabler = AllocDisabler;
 #[test]
 fn a_step_does_not_allocate() {
     let mut v = build(&with_constants(car("sedan")));
+    let equations = r#"
+        variables = [{ name = "a", unit = "N", start = 0, expression = "a * 0.9 + max(fy_n_fl, 3 N) + 10 N * sin(6 * time_s / 1 s)" }]
+        imports = [{ variable = "external_force_y_n", mode = "add", expression = "a" }]
+        outputs = [{ name = "b", unit = "kN", expression = "norm([a, fx_n_fl, fy_n_fl])" }]"#;
+    v.set_equations(&toml::from_str(equations).unwrap()).unwrap();
     let mut input = hold(20.0);
     v.reset(20.0, &input);
     let mut state = vec![0.0; v.state_len()];
