@@ -25,6 +25,7 @@ pub mod tree;
 pub mod unit;
 pub mod unit_name;
 mod validate;
+pub mod wheel;
 
 pub use bench::{ResolvedBench, ResolvedCar, TextFile};
 pub use check::{Broken, Check, Checker};

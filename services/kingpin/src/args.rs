@@ -48,6 +48,8 @@ pub enum Command {
     Tyre(crate::commands::tyre::TyreArgs),
     /// Drive a car on its own, away from any bench; its named variables
     Vehicle(crate::commands::vehicle::VehicleArgs),
+    /// What the rig can do: tracking table, identification, response, tick rates, friction loops
+    Rig(crate::commands::rig::RigArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell

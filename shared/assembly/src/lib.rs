@@ -6,13 +6,16 @@
 
 mod driveline;
 mod car;
+pub mod closed_loop;
 mod guard;
+pub mod identification;
 mod kinematics;
 pub mod manifest;
 mod multibody_node;
 mod rig_node;
 pub mod service;
 mod vehicle_node;
+pub mod wheel;
 
 pub use car::build_car;
 pub use guard::Guard;

@@ -5,6 +5,7 @@ mod history;
 mod log;
 mod model;
 mod procedure;
+pub mod rig;
 mod run;
 mod service;
 mod summary;
@@ -36,6 +37,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Model(args) => model::model(&args),
         Command::Tyre(args) => tyre::tyre(&args),
         Command::Vehicle(args) => vehicle::vehicle(&args),
+        Command::Rig(args) => rig::rig(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());

@@ -98,9 +98,9 @@ impl Formulas {
             Node::Variable(i) => Some(*i as usize),
             _ => None,
         };
-        let program = Program::compile(&pool, &roots, inputs.len(), &place);
+        let program = Program::compile(&pool, &roots, &[], inputs.len(), &place);
         let used = used(&pool, &roots, inputs.len());
-        let registers = vec![0.0; program.registers()];
+        let registers = program.new_registers(inputs.len());
         Ok(Self { program, registers, inputs: inputs.len(), scale, used })
     }
 

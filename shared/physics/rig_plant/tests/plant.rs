@@ -37,7 +37,7 @@ fn at_rest_it_stays_at_rest() {
 fn vertical_axis_runs_at_its_no_load_speed() {
     let mut rig = rig();
     rig.plant.vertical.mass_kg = 1.0;
-    rig.plant.vertical.friction.sliding = 0.0;
+    rig.plant.vertical.friction.sliding_n = 0.0;
     rig.plant.vertical.leakage_m3_s_pa = 0.0;
     rig.plant.sub_step_s = 1e-5;
     let mut plant = VirtualRig::new(&rig, &unit(), 1, 1e-3).unwrap();
@@ -54,7 +54,7 @@ fn oil_column_rings_at_its_closed_form_frequency() {
     // β A²(1/V₁ + 1/V₂) on the mass; tie rod and friction taken away.
     let mut rig = rig();
     let axis = &mut rig.plant.vertical;
-    axis.friction.sliding = 0.0;
+    axis.friction.sliding_n = 0.0;
     axis.leakage_m3_s_pa = 0.0;
     let volume = axis.piston_area_m2 * (axis.stroke_m + axis.dead_length_m);
     let stiffness = 2.0 * axis.bulk_modulus_pa * axis.piston_area_m2.powi(2) / volume;
@@ -90,7 +90,7 @@ fn oil_column_rings_at_its_closed_form_frequency() {
 #[test]
 fn stall_force_is_area_times_supply_pressure() {
     let mut rig = rig();
-    rig.plant.horizontal.friction.sliding = 0.0;
+    rig.plant.horizontal.friction.sliding_n = 0.0;
     rig.plant.horizontal.leakage_m3_s_pa = 0.0;
     rig.plant.leaf_spring_stiffness_n_m = 5e6;
     // Both pull: the rack stays and the rods load the cylinders until they stall.
@@ -207,17 +207,14 @@ fn assist_is_stable_at_every_speed_and_lightens_steering() {
 #[test]
 fn sensors_are_delayed_by_exactly_the_transport_delay() {
     let mut rig = rig();
-    for s in [
-        &mut rig.sensors.tie_rod_force,
-        &mut rig.sensors.horizontal_stroke,
-        &mut rig.sensors.rack_displacement,
-    ] {
-        s.nonlinearity = 0.0;
-        s.hysteresis = 0.0;
-        s.repeatability = 0.0;
-        s.zero_balance = 0.0;
-        s.noise = 0.0;
-    }
+    let s = &mut rig.sensors;
+    s.tie_rod_force.noise_n = 0.0;
+    s.rack_displacement.noise_m = 0.0;
+    s.horizontal_stroke.noise_m = 0.0;
+    s.horizontal_stroke.nonlinearity_ratio = 0.0;
+    s.horizontal_stroke.hysteresis_ratio = 0.0;
+    s.horizontal_stroke.repeatability_ratio = 0.0;
+    s.horizontal_stroke.zero_balance_ratio = 0.0;
     let mut plant = VirtualRig::new(&rig, &unit(), 1, 1e-3).unwrap();
     plant.set_actuation(&horizontal(0.05, -0.05));
     let mut before = 0.0;
@@ -254,10 +251,16 @@ fn readings_stay_within_the_stated_errors() {
             assert!((reading - truth).abs() < bound, "{what}: {reading} against {truth} (seed {seed})");
         };
         let cell = &s.tie_rod_force;
-        let bound = cell.range * (cell.nonlinearity + 2.0 * cell.hysteresis) + 6.0 * cell.noise;
+        let bound =
+            cell.range_n * (cell.nonlinearity_ratio + 2.0 * cell.hysteresis_ratio) + 6.0 * cell.noise_n;
         near(m.tie_rod_force_n[0], t.tie_rod_force_n[0], bound, "tie-rod force");
         let pot = &s.rack_displacement;
-        near(m.rack_displacement_m, t.unit.rack_displacement_m, pot.range * pot.nonlinearity + 2e-4, "rack");
+        near(
+            m.rack_displacement_m,
+            t.unit.rack_displacement_m,
+            pot.range_m * pot.nonlinearity_ratio + 2e-4,
+            "rack",
+        );
         near(m.horizontal_stroke_m[0], t.horizontal_stroke_m[0], 0.00125 + 5e-5, "stroke");
         let moved = 1.1e-3 * t.unit.hand_wheel_rate_rad_s.abs();
         near(m.steering_wheel_angle_rad, t.unit.hand_wheel_angle_rad, moved + 4.5e-4, "angle");
@@ -345,4 +348,54 @@ fn too_stiff_a_machine_is_refused_by_name() {
     assert!(text.iter().any(|t| t.contains("vertical")), "{text:?}");
     assert!(text.iter().any(|t| t.contains("steering unit")), "{text:?}");
     assert!(VirtualRig::new(&self::rig(), &self::unit(), 1, 0.00105).is_err());
+}
+
+#[test]
+fn two_universal_joints_cancel_and_one_alone_turns_unevenly_without_losing_power() {
+    use config::unit::UniversalJoints;
+    use rig_plant::unit::uneven;
+    let straight = UniversalJoints { upper_angle_rad: 0.5, lower_angle_rad: 0.5, phase_rad: 0.0, yoke_rad: 0.3 };
+    let single = UniversalJoints { lower_angle_rad: 0.0, ..straight };
+    let (mut low, mut high) = (f64::MAX, 0.0_f64);
+    for i in -720..=720 {
+        let angle = f64::from(i).to_radians();
+        let (out, slope) = uneven(&straight, angle);
+        assert!((out - angle).abs() < 1e-12 && (slope - 1.0).abs() < 1e-12, "{angle}: {out} {slope}");
+        let (out, slope) = uneven(&single, angle);
+        assert!((out - angle).abs() < 0.2, "no jump over any turn");
+        let step = 1e-6;
+        let by_difference = (uneven(&single, angle + step).0 - uneven(&single, angle - step).0) / (2.0 * step);
+        assert!((slope - by_difference).abs() < 1e-8, "virtual work: torque ratio is the slope");
+        (low, high) = (low.min(slope), high.max(slope));
+    }
+    // Speed ratio of one joint between cos β and 1/cos β.
+    assert!((low - 0.5_f64.cos()).abs() < 1e-3 && (high - 1.0 / 0.5_f64.cos()).abs() < 1e-3, "{low} {high}");
+}
+
+#[test]
+fn interpolated_commands_arrive_in_a_straight_line_half_a_period_later() {
+    let opening = |interpolate: bool| {
+        let mut rig = rig();
+        rig.plant.interpolate_commands = interpolate;
+        rig.plant.horizontal.valve_frequency_hz = 1000.0;
+        rig.plant.sub_step_s = 2e-5;
+        rig.plant.command_delay_s = 0.0;
+        let mut plant = VirtualRig::new(&rig, &unit(), 1, 1e-3).unwrap();
+        let mut area = 0.0;
+        for tick in 0..40 {
+            let ramp = 0.01 * f64::from(tick);
+            plant.set_actuation(&horizontal(ramp, 0.0));
+            for k in 0..50 {
+                plant.advance(2e-5);
+                let time = f64::from(tick) + f64::from(k) / 50.0;
+                if tick >= 20 {
+                    area += (0.01 * time - plant.truth().valve_opening[0][0]) / (20.0 * 50.0 * 0.01);
+                }
+            }
+        }
+        area
+    };
+    let (held, interpolated) = (opening(false), opening(true));
+    // Behind the ramp by half a tick when held, by a whole one when interpolated, and by the valve both times.
+    assert!((interpolated - held - 0.5).abs() < 0.03, "{held} {interpolated}");
 }
