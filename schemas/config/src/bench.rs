@@ -2,6 +2,7 @@
 //! canonical text and its hash for the log.
 
 use crate::axle::Axle;
+use crate::can::Can;
 use crate::car::Car;
 use crate::check::Broken;
 use crate::library::Kind;
@@ -49,10 +50,43 @@ pub struct ResolvedBench {
     pub rig: Rig,
     /// The steering unit.
     pub unit: SteeringUnit,
+    /// The CAN bus, if the scenario asks for one.
+    pub can: Option<ResolvedCan>,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
     /// Every configuration text that was read, for the log (overrides included).
     pub sources: Vec<TextFile>,
+}
+
+/// A CAN mapping and the DBC file that it speaks of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ResolvedCan {
+    /// The mapping.
+    pub mapping: Can,
+    /// The DBC file.
+    pub dbc: TextFile,
+}
+
+/// Loads a CAN mapping (a path, or a shipped one by its bare name) and the DBC file that it names.
+///
+/// # Errors
+/// All violations of the mapping at once; what does not fit the DBC is crate `can`'s to find.
+pub fn load_can(reference: &str) -> Result<(Loaded<Can>, TextFile), Problems> {
+    can_at(&load::place_of_argument(reference, Kind::Can)?, &[])
+}
+
+fn can_at(place: &Place, overrides: &[String]) -> Result<(Loaded<Can>, TextFile), Problems> {
+    let mut draft = Draft::read(place, Kind::Can, overrides)?;
+    let dbc = draft.reference("dbc_file", Kind::Can);
+    let loaded = draft.finish::<Can>()?;
+    let text = match dbc {
+        Some(Ok(place)) => load::read_text(&place, REFERENCE_BYTES_MAX)
+            .map(|text| TextFile { name: place.name(), text })
+            .map_err(|violation| Problems::one(*violation))?,
+        Some(Err(violation)) => return Err(Problems::one(violation)),
+        None => return Err(Problems::one(loaded.violation(Mistake::MissingKey, "dbc_file", "must be given"))),
+    };
+    Ok((loaded, text))
 }
 
 impl ResolvedBench {
@@ -72,10 +106,12 @@ impl ResolvedBench {
         let car = assembly.car(&draft);
         let scenario = assembly.keep(scenario);
         let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded));
+        let wants_can = scenario.as_ref().is_some_and(|loaded| loaded.value.can.is_some());
+        let can = if wants_can { assembly.can(&draft).map(Some) } else { Some(None) };
         let Assembly { mut problems, sources, .. } = assembly;
         problems.sort();
-        match (scenario, car, rig, unit, record) {
-            (Some(scenario), Some(car), Some(rig), Some(unit), Some(record)) if problems.is_empty() => {
+        match (scenario, car, rig, unit, record, can) {
+            (Some(scenario), Some(car), Some(rig), Some(unit), Some(record), Some(can)) if problems.is_empty() => {
                 Ok(Self {
                     scenario: scenario.value,
                     car: car.car,
@@ -84,6 +120,7 @@ impl ResolvedBench {
                     tyres: car.tyres,
                     rig: rig.value,
                     unit: unit.value,
+                    can,
                     record,
                     sources,
                 })
@@ -266,6 +303,21 @@ impl Assembly<'_> {
                 for Broken { key, rule } in broken {
                     self.problems.push(in_file(Mistake::Reference, &name, &key, rule));
                 }
+                None
+            }
+        }
+    }
+
+    fn can(&mut self, scenario: &Draft) -> Option<ResolvedCan> {
+        let place = self.place(scenario, "can.mapping_file", Kind::Can)?;
+        match can_at(&place, &[]) {
+            Ok((loaded, dbc)) => {
+                let mapping = self.keep(Ok(loaded))?.value;
+                self.source(dbc.name.clone(), dbc.text.clone());
+                Some(ResolvedCan { mapping, dbc })
+            }
+            Err(problems) => {
+                self.problems.extend(problems);
                 None
             }
         }

@@ -7,6 +7,7 @@
 
 pub mod axle;
 pub mod bench;
+pub mod can;
 pub mod car;
 pub mod check;
 pub mod library;
@@ -22,7 +23,7 @@ pub mod unit;
 pub mod unit_name;
 mod validate;
 
-pub use bench::{ResolvedBench, TextFile};
+pub use bench::{ResolvedBench, ResolvedCan, TextFile, load_can};
 pub use check::{Broken, Check, Checker};
 pub use library::{Kind, Library};
 pub use load::{Loaded, Section, all_schemas, load, load_with, schema_json};

@@ -47,6 +47,10 @@ impl Section for crate::unit::SteeringUnit {
     const KIND: Kind = Kind::Unit;
 }
 
+impl Section for crate::can::Can {
+    const KIND: Kind = Kind::Can;
+}
+
 impl Section for crate::axle::Axle {
     const KIND: Kind = Kind::Suspension;
 
@@ -461,6 +465,7 @@ pub fn all_schemas() -> Vec<(Kind, serde_json::Value)> {
         (Kind::Suspension, schema_json::<crate::axle::Axle>()),
         (Kind::Rig, schema_json::<crate::rig::Rig>()),
         (Kind::Unit, schema_json::<crate::unit::SteeringUnit>()),
+        (Kind::Can, schema_json::<crate::can::Can>()),
     ]
 }
 
