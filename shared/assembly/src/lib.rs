@@ -4,6 +4,7 @@
 //! crate and writes its region. The rules for inputs that do not come are the same for vehicle and
 //! multibody ([`Guard`]); the rig's are safety's.
 
+mod can_node;
 mod guard;
 mod kinematics;
 pub mod manifest;
@@ -13,6 +14,7 @@ mod road;
 pub mod service;
 mod vehicle_node;
 
+pub use can_node::{CanNode, CanParts, build_can, can_sources, can_targets, virtual_ecu};
 pub use guard::Guard;
 pub use kinematics::axle_kinematics;
 

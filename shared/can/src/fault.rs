@@ -78,11 +78,12 @@ impl Faults {
         let mut faults = Faults::none(plan);
         let mut broken = Vec::new();
         for (i, fault) in wanted.iter().enumerate() {
-            let sent = plan.send.iter().position(|m| m.name == fault.message);
-            let received = plan.receive.iter().position(|m| m.name == fault.message);
-            let (spells, protection) = match (sent, received) {
-                (Some(index), _) => (&mut faults.send[index], &plan.send[index].protection),
-                (None, Some(index)) => (&mut faults.receive[index], &plan.receive[index].protection),
+            let of = |name: &String| *name == fault.message;
+            let sent: Vec<usize> = (0..plan.send.len()).filter(|&k| of(&plan.send[k].name)).collect();
+            let received: Vec<usize> = (0..plan.receive.len()).filter(|&k| of(&plan.receive[k].name)).collect();
+            let protection = match (sent.first(), received.first()) {
+                (Some(&k), _) => &plan.send[k].protection,
+                (None, Some(&k)) => &plan.receive[k].protection,
                 (None, None) => {
                     let rule = format!("message {}: is neither sent nor received", fault.message);
                     broken.push(Broken { key: format!("can.faults[{i}].message"), rule });
@@ -101,12 +102,14 @@ impl Faults {
                 broken.push(Broken { key: format!("can.faults[{i}].fault"), rule });
             }
             let ns = |seconds: f64| (seconds * 1e9) as u64;
-            spells.push(Spell {
+            let spell = Spell {
                 kind: fault.fault,
                 start_ns: ns(fault.start_s),
                 end_ns: fault.end_s.map_or(u64::MAX, ns),
                 delay_ns: fault.delay_ms.map_or(0, |ms| (ms * 1e6) as u64),
-            });
+            };
+            sent.iter().for_each(|&k| faults.send[k].push(spell));
+            received.iter().for_each(|&k| faults.receive[k].push(spell));
         }
         if broken.is_empty() { Ok(faults) } else { Err(broken) }
     }

@@ -10,6 +10,7 @@
 pub mod bus;
 pub mod database;
 pub mod e2e;
+pub mod ecu;
 pub mod fault;
 pub mod frame;
 pub mod mapping;

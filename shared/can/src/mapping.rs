@@ -237,7 +237,14 @@ fn find_signal<'a>(
 }
 
 /// The unit of the signal: the mapping's word where the DBC is silent; both only when they mean the same.
-fn unit_of(message: &Message, signal: &Signal, said: Option<&str>, at: &str, faults: &mut Faults) -> Option<units::Unit> {
+fn unit_of(
+    message: &Message,
+    signal: &Signal,
+    said: Option<&str>,
+    other: Option<units::Unit>,
+    at: &str,
+    faults: &mut Faults,
+) -> Option<units::Unit> {
     let name = Some(signal.name.as_str());
     let own = units::parse(&signal.unit);
     match said {
@@ -253,6 +260,8 @@ fn unit_of(message: &Message, signal: &Signal, said: Option<&str>, at: &str, fau
             }
             Some(unit)
         }
+        // Codes and counts have no unit on either side.
+        None if signal.unit.is_empty() && other.is_some_and(|other| other.quantity == "number") => other,
         None if signal.unit.is_empty() => {
             faults.note(format!("{at}.unit"), &message.name, name, "the DBC states no unit: must be given (`1` for a number or a code)");
             None
@@ -332,8 +341,9 @@ fn send_signal(
     }
     match (&wanted.source, wanted.value) {
         (Some(source), None) => {
-            let own = unit_of(message, signal, wanted.unit.as_deref(), at, faults);
             let from = variable(source, sources, format!("{at}.source"), message, signal, faults);
+            let other = from.map(|(_, unit)| unit);
+            let own = unit_of(message, signal, wanted.unit.as_deref(), other, at, faults);
             let (Some(own), Some((index, from))) = (own, from) else { return };
             let Some((factor, offset)) = units::conversion(from, own) else {
                 let rule = format!(
@@ -402,9 +412,11 @@ fn receive_signal(
     if taken.contains(&index) {
         faults.note(format!("{at}.signal"), &message.name, name, "is the message's counter or checksum");
     }
-    let own = unit_of(message, signal, wanted.unit.as_deref(), at, faults);
     let to = variable(&wanted.target, targets, format!("{at}.target"), message, signal, faults);
+    let own = unit_of(message, signal, wanted.unit.as_deref(), to.map(|(_, unit)| unit), at, faults);
     let (own, (target, to)) = (own?, to?);
+    // A variable for whatever the user likes takes SI values of any quantity.
+    let to = if to.quantity == units::ANY.quantity { units::Unit { quantity: own.quantity, ..units::ANY } } else { to };
     let Some((factor, offset)) = units::conversion(own, to) else {
         let rule = format!(
             "the signal is {} [{}], variable `{}` is {} [{}]",

@@ -11,6 +11,9 @@ pub struct Unit {
     pub zero: f64,
 }
 
+/// SI value of any quantity.
+pub const ANY: Unit = Unit { quantity: "any quantity", scale: 1.0, zero: 0.0 };
+
 const fn unit(quantity: &'static str, scale: f64) -> Unit {
     Unit { quantity, scale, zero: 0.0 }
 }
@@ -21,6 +24,7 @@ const G: f64 = 9.806_65;
 
 /// Spellings seen in DBC files and in the table, without blanks, lower case where case says nothing.
 const UNITS: &[(&str, Unit)] = &[
+    ("si", ANY),
     ("1", unit("number", 1.0)),
     ("-", unit("number", 1.0)),
     ("%", unit("number", 0.01)),

@@ -13,6 +13,7 @@ fn kind_of(kind: ListKind) -> Kind {
         ListKind::Tyres => Kind::Tyre,
         ListKind::Rigs => Kind::Rig,
         ListKind::Units => Kind::Unit,
+        ListKind::Can => Kind::Can,
     }
 }
 
@@ -39,6 +40,7 @@ pub fn list(args: &ListArgs) -> Exit {
         ListKind::Tyres,
         ListKind::Rigs,
         ListKind::Units,
+        ListKind::Can,
     ];
     let kinds = args.kind.map_or(all.to_vec(), |kind| vec![kind]);
     let mut json = serde_json::Map::new();
@@ -97,6 +99,10 @@ pub fn check(args: &CheckArgs) -> Exit {
             return Exit::BadInput;
         }
     }
+    if let Err(error) = assembly::CanParts::new(&resolved) {
+        output::note(error);
+        return Exit::BadInput;
+    }
     if args.json {
         output::json(&serde_json::json!({ "valid": true, "hash": resolved.hash() }));
     } else {
@@ -112,6 +118,7 @@ pub fn schema(args: &SchemaArgs) -> Exit {
         SchemaSection::Car => config::schema_json::<config::car::Car>(),
         SchemaSection::Axle => config::schema_json::<config::axle::Axle>(),
         SchemaSection::Rig => config::schema_json::<config::rig::Rig>(),
+        SchemaSection::Can => config::schema_json::<config::can::Can>(),
         SchemaSection::Unit => config::schema_json::<config::unit::SteeringUnit>(),
     });
     Exit::Done

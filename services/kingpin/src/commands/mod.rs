@@ -1,5 +1,8 @@
 //! The commands, one file a group.
 
+mod can;
+pub mod can_args;
+mod can_bus;
 mod configuration;
 mod log;
 mod procedure;
@@ -27,6 +30,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Compare(args) => log::compare(&args),
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
+        Command::Can(args) => can::can(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());
