@@ -77,10 +77,32 @@ import json, struct, sys
 import cantools
 db = cantools.database.load_file(sys.argv[1], strict=False)
 by_name = {m.name: m for m in db.messages}
-s = dict(frames=0, values=0, decode=0, encode=0, encoded=0, names=0, first=[])
+s = dict(frames=0, values=0, decode=0, encode=0, encoded=0, names=0, overlapping=0, first=[])
 def differ(kind, *what):
     s[kind] += 1
     if len(s["first"]) < 5: s["first"].append([kind] + [str(w) for w in what])
+def overlaps(m):
+    try:
+        m.refresh(strict=True)
+        return False
+    except cantools.database.errors.Error:
+        m.refresh(strict=False)
+        return True
+def alone(m, signal):
+    chain, by = [signal], signal.multiplexer_signal
+    while by:
+        chain.append(m.get_signal_by_name(by)); by = chain[-1].multiplexer_signal
+    return cantools.database.can.Message(m.frame_id, m.name, m.length, chain, is_extended_frame=m.is_extended_frame, strict=False)
+# Signals that share bits are more than cantools can decode at once: one by one then, each with its multiplexors.
+shared = {m.name: [(x.name, alone(m, x)) for x in m.signals] if overlaps(m) else None for m in db.messages}
+def decode(m, data, scaling):
+    if shared[m.name] is None:
+        return m.decode(data, decode_choices=False, scaling=scaling)
+    out = {}
+    for name, one in shared[m.name]:
+        got = one.decode(data, decode_choices=False, scaling=scaling)
+        if name in got: out[name] = got[name]
+    return out
 decoded = [json.loads(line) for line in open(sys.argv[2])]
 frames = [line.strip() for line in open(sys.argv[3])]
 assert len(decoded) == len(frames), (len(decoded), len(frames))
@@ -89,8 +111,7 @@ for line, frame in zip(decoded, frames):
     text = line["frame"].split("#", 1)[1]
     data = bytes.fromhex(text[2:] if text.startswith("#") else text)
     s["frames"] += 1
-    raw = m.decode(data, decode_choices=False, scaling=False)
-    value = m.decode(data, decode_choices=False, scaling=True)
+    raw, value = decode(m, data, False), decode(m, data, True)
     if set(raw) != set(line["signals"]):
         differ("names", m.name, set(raw) ^ set(line["signals"]))
     for name, ours in line["signals"].items():
@@ -99,11 +120,20 @@ for line, frame in zip(decoded, frames):
         same = ours["value"] == float(value[name]) or (wide and abs(ours["value"] - value[name]) <= 1e-15 * abs(value[name]))
         if ours["raw"] != raw[name] or not same:
             differ("decode", m.name, name, ours, raw[name], value[name])
-    # Encoding from the physical values, but for signals so wide that a double cannot tell their raw values apart.
-    wide = [x for x in m.signals if x.length > 52 and x.name in raw]
-    theirs = m.encode(raw, scaling=False, strict=False) if wide else m.encode(value, scaling=True, strict=False)
     text = frame.split("#", 1)[1]
-    ours = bytes.fromhex(text[1:][1:] if text.startswith("#") else text)
+    ours = bytes.fromhex(text[2:] if text.startswith("#") else text)
+    # Encoding from the physical values, but for signals so wide that a double cannot tell their raw values apart.
+    if shared[m.name] is None:
+        wide = any(x.length > 52 for x in m.signals if x.name in raw)
+        theirs = m.encode(raw, scaling=False, strict=False) if wide else m.encode(value, scaling=True, strict=False)
+    else:
+        # What a signal encodes to alone is in the frame, since all of them come from one payload.
+        s["overlapping"] += 1
+        theirs = bytearray(m.length)
+        for name, one in shared[m.name]:
+            if name in raw:
+                part = {x.name: raw[x.name] for x in one.signals}
+                theirs = bytearray(p | q for p, q in zip(theirs, one.encode(part, scaling=False, strict=False)))
     s["encoded"] += 1
     if ours != bytes(theirs):
         differ("encode", m.name, ours.hex(), bytes(theirs).hex())
@@ -281,7 +311,9 @@ fn every_real_file_can_be_read() {
         let (database, faults) = Database::read(&std::fs::read_to_string(&path).unwrap());
         let wrong = faults.iter().filter(|fault| fault.weight == Weight::Error).count();
         println!("{}: {} messages, {wrong} errors, {} warnings", path.display(), database.messages.len(), faults.len() - wrong);
-        assert!(database.messages.len() >= 20 && wrong <= 2, "{}: {faults:?}", path.display());
+        // Two of them have mistakes of their own (signals outside their message, limits upside down): named, left out.
+        let known = ["mazda_2017.dbc", "vw_pq.dbc"].iter().any(|name| path.ends_with(name));
+        assert!(database.messages.len() >= 20 && (wrong == 0) != known, "{}: {faults:?}", path.display());
         messages += database.messages.len();
         signals += database.messages.iter().map(|m| m.signals.len()).sum::<usize>();
     }

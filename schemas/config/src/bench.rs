@@ -84,7 +84,9 @@ fn can_at(place: &Place, overrides: &[String]) -> Result<(Loaded<Can>, TextFile)
             .map(|text| TextFile { name: place.name(), text })
             .map_err(|violation| Problems::one(*violation))?,
         Some(Err(violation)) => return Err(Problems::one(violation)),
-        None => return Err(Problems::one(loaded.violation(Mistake::MissingKey, "dbc_file", "must be given"))),
+        None => {
+            return Err(Problems::one(loaded.violation(Mistake::MissingKey, "dbc_file", "must be given")));
+        }
     };
     Ok((loaded, text))
 }
@@ -111,7 +113,9 @@ impl ResolvedBench {
         let Assembly { mut problems, sources, .. } = assembly;
         problems.sort();
         match (scenario, car, rig, unit, record, can) {
-            (Some(scenario), Some(car), Some(rig), Some(unit), Some(record), Some(can)) if problems.is_empty() => {
+            (Some(scenario), Some(car), Some(rig), Some(unit), Some(record), Some(can))
+                if problems.is_empty() =>
+            {
                 Ok(Self {
                     scenario: scenario.value,
                     car: car.car,

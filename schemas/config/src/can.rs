@@ -289,14 +289,22 @@ pub enum FaultKind {
 
 impl Check for Can {
     fn check(&self, c: &mut Checker) {
-        c.require(!self.send.is_empty() || !self.receive.is_empty(), "send", "must have at least one message, here or in `receive`");
+        c.require(
+            !self.send.is_empty() || !self.receive.is_empty(),
+            "send",
+            "must have at least one message, here or in `receive`",
+        );
         let mut seen = Vec::new();
         for (i, message) in self.send.iter().enumerate() {
             c.within(&format!("send[{i}]"), |c| {
                 // The pages of a multiplexed message are sent one by one; a counter could not follow them.
-                let rule = format!("message {}: sent twice, which only one without protection can be", message.message);
+                let rule = format!(
+                    "message {}: sent twice, which only one without protection can be",
+                    message.message
+                );
                 let protected = message.protection.is_some();
-                let twice = seen.iter().any(|(name, before)| *name == &message.message && (*before || protected));
+                let twice =
+                    seen.iter().any(|(name, before)| *name == &message.message && (*before || protected));
                 c.require(!twice, "message", rule);
                 seen.push((&message.message, protected));
                 for (j, signal) in message.signals.iter().enumerate() {
@@ -306,7 +314,8 @@ impl Check for Can {
                         message.message, signal.signal
                     );
                     c.require(!both, &format!("signals[{j}].source"), rule);
-                    let rule = format!("message {}, signal {}: must not be 0", message.message, signal.signal);
+                    let rule =
+                        format!("message {}, signal {}: must not be 0", message.message, signal.signal);
                     c.require(signal.gain != Some(0.0), &format!("signals[{j}].gain"), rule);
                 }
             });

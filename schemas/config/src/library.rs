@@ -38,8 +38,16 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 8] =
-        [Self::Scenario, Self::Car, Self::Suspension, Self::Tyre, Self::Unit, Self::Rig, Self::Model, Self::Can];
+    pub const ALL: [Self; 8] = [
+        Self::Scenario,
+        Self::Car,
+        Self::Suspension,
+        Self::Tyre,
+        Self::Unit,
+        Self::Rig,
+        Self::Model,
+        Self::Can,
+    ];
 
     /// Directory of the kind in the library.
     pub fn directory(self) -> &'static str {

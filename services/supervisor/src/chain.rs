@@ -28,7 +28,8 @@ pub(crate) fn run(
         let model = build(kind, &run.resolved).map_err(RunError::Assembly)?;
         Bound::new(model, &table, true).map_err(RunError::Tick)
     };
-    let mut models = vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
+    let mut models =
+        vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
     let mut order = vec![(0, 0), (1, 0), (2, 0), (0, 1)];
     if let Some(model) = build_can(&run.resolved, None, false).map_err(RunError::Assembly)? {
         models.push(Bound::new(model, &table, true).map_err(RunError::Tick)?);

@@ -67,7 +67,7 @@ pub(crate) fn run(
         run.restart_delay_ns,
         if run.resolved.can.is_some() { &["can"] } else { &[] },
     )
-        .map_err(|e| RunError::Io(output.clone(), e))?;
+    .map_err(|e| RunError::Io(output.clone(), e))?;
     let children = cleaner.children.insert(children);
     let with_can = run.resolved.can.is_some();
     wait_until_ready(&table, children, drive, &output, interrupt, with_can)?;

@@ -56,7 +56,8 @@ fn columns() -> Vec<(usize, String, Column)> {
                 .columns()
                 .into_iter()
                 .filter(move |column| {
-                    column.kind == Kind::F64 || (*id == RegionId::RigStatus && whole.contains(&column.name.as_str()))
+                    column.kind == Kind::F64
+                        || (*id == RegionId::RigStatus && whole.contains(&column.name.as_str()))
                 })
                 .map(move |column| (input, format!("{}.{}", region.name, column.name), column))
         })
@@ -70,7 +71,9 @@ pub fn can_sources() -> Vec<Variable> {
 
 /// What a mapping may receive into: values of region `can`.
 pub fn can_targets() -> Vec<Variable> {
-    targets().map(|column| Variable { name: format!("can.{}", column.name), unit: column.unit.to_owned() }).collect()
+    targets()
+        .map(|column| Variable { name: format!("can.{}", column.name), unit: column.unit.to_owned() })
+        .collect()
 }
 
 fn targets() -> impl Iterator<Item = Column> {
@@ -119,8 +122,11 @@ fn join(
     plan.map_err(|broken| {
         // What is wrong with the DBC explains what the mapping misses in it.
         let named = |fault: &&database::Fault| fault.weight == database::Weight::Error;
-        let mut lines: Vec<String> =
-            faults.iter().filter(named).map(|fault| format!("{}:{}: {fault}", dbc.name, fault.line)).collect();
+        let mut lines: Vec<String> = faults
+            .iter()
+            .filter(named)
+            .map(|fault| format!("{}:{}: {fault}", dbc.name, fault.line))
+            .collect();
         lines.extend(broken.iter().map(|broken| format!("{}: {}", broken.key, broken.rule)));
         AssemblyError::new("can", lines)
     })
@@ -131,7 +137,8 @@ fn join(
 /// # Errors
 /// What does not fit, which would be a fault of the shipped files.
 pub fn virtual_ecu() -> Result<VirtualEcu, AssemblyError> {
-    let (mapping, dbc) = config::load_can("virtual_ecu").map_err(|problems| AssemblyError::new("can", [problems]))?;
+    let (mapping, dbc) =
+        config::load_can("virtual_ecu").map_err(|problems| AssemblyError::new("can", [problems]))?;
     Ok(VirtualEcu::new(join(&mapping.value, &dbc, &ecu::sources(), &ecu::targets())?))
 }
 
@@ -183,10 +190,18 @@ impl CanNode {
     pub fn new(parts: CanParts, period_ns: u64, bus: Box<dyn Bus>, fallback: bool) -> Self {
         let places: Vec<Place> = columns()
             .iter()
-            .map(|(input, _, column)| Place { input: *input, word: column.word, whole: column.kind == Kind::U64 })
+            .map(|(input, _, column)| Place {
+                input: *input,
+                word: column.word,
+                whole: column.kind == Kind::U64,
+            })
             .collect();
-        let mut used: Vec<usize> =
-            parts.plan.send.iter().flat_map(|message| message.fields.iter().map(|field| field.source)).collect();
+        let mut used: Vec<usize> = parts
+            .plan
+            .send
+            .iter()
+            .flat_map(|message| message.fields.iter().map(|field| field.source))
+            .collect();
         used.sort_unstable();
         used.dedup();
         let words: Vec<usize> = targets().map(|column| column.word).collect();

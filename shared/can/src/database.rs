@@ -7,7 +7,9 @@
 
 use crate::frame::{FD_LENGTHS, Id};
 use crate::signal::{Bits, Codec, Number};
-use can_dbc::{ByteOrder, Dbc, DbcError, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType, ValueType};
+use can_dbc::{
+    ByteOrder, Dbc, DbcError, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType, ValueType,
+};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -172,7 +174,8 @@ impl Lines {
     fn of(text: &str) -> Self {
         let mut lines = Lines { messages: Vec::new(), signals: Vec::new() };
         for (at, line) in text.lines().enumerate() {
-            let mut words = line.split(|c: char| c.is_whitespace() || c == ':').filter(|word| !word.is_empty());
+            let mut words =
+                line.split(|c: char| c.is_whitespace() || c == ':').filter(|word| !word.is_empty());
             match words.next() {
                 Some("BO_") => {
                     let number = words.next().and_then(|word| word.parse().ok()).unwrap_or(u64::MAX);
@@ -199,7 +202,10 @@ impl Lines {
 
     fn signal(&self, message: &str, signal: &str) -> usize {
         let from = self.message(message);
-        self.signals.iter().find(|(line, name)| *line > from && name == signal).map_or(from, |(line, _)| *line)
+        self.signals
+            .iter()
+            .find(|(line, name)| *line > from && name == signal)
+            .map_or(from, |(line, _)| *line)
     }
 
     /// What the parser lets pass: identifiers out of range.
@@ -208,7 +214,8 @@ impl Lines {
         for (line, number, name) in &self.messages {
             let number = *number;
             // Vector tools write 0xC0000000 for the collector of signals without a message.
-            let fits = number <= 0x7FF || (0x8000_0000..=0x9FFF_FFFF).contains(&number) || number == 0xC000_0000;
+            let fits =
+                number <= 0x7FF || (0x8000_0000..=0x9FFF_FFFF).contains(&number) || number == 0xC000_0000;
             if !fits && number != u64::MAX {
                 faults.push(Fault {
                     line: *line,
@@ -237,14 +244,27 @@ fn parse(text: &str, lines: &Lines) -> (Option<Dbc>, Vec<Fault>) {
             Err(error) => error,
         };
         let DbcError::Pest(pest) = &error else {
-            faults.push(Fault { line: 0, message: None, signal: None, weight: Weight::Error, rule: error.to_string() });
+            faults.push(Fault {
+                line: 0,
+                message: None,
+                signal: None,
+                weight: Weight::Error,
+                rule: error.to_string(),
+            });
             return (None, faults);
         };
         let (at, column) = line_of(pest);
         // The grammar often fails behind the line's end: the statement that is wrong starts above.
-        let start = (1..=at.min(rest.len())).rev().find(|&line| !rest[line - 1].trim().is_empty()).unwrap_or(at);
+        let start =
+            (1..=at.min(rest.len())).rev().find(|&line| !rest[line - 1].trim().is_empty()).unwrap_or(at);
         if start == 0 || start > rest.len() {
-            faults.push(Fault { line: at, message: None, signal: None, weight: Weight::Error, rule: error.to_string() });
+            faults.push(Fault {
+                line: at,
+                message: None,
+                signal: None,
+                weight: Weight::Error,
+                rule: error.to_string(),
+            });
             return (None, faults);
         }
         let (message, signal) = lines.at(start);
@@ -294,13 +314,26 @@ fn id_of(id: MessageId) -> Id {
     }
 }
 
-fn build(dbc: &Dbc, from: &can_dbc::Message, lines: &Lines, database: &mut Database, faults: &mut Vec<Fault>) {
+fn build(
+    dbc: &Dbc,
+    from: &can_dbc::Message,
+    lines: &Lines,
+    database: &mut Database,
+    faults: &mut Vec<Fault>,
+) {
     if from.id.raw() == 0xC000_0000 || from.name == "VECTOR__INDEPENDENT_SIG_MSG" {
         return;
     }
     let mut note = |signal: Option<&str>, weight: Weight, rule: String| {
-        let line = signal.map_or_else(|| lines.message(&from.name), |signal| lines.signal(&from.name, signal));
-        faults.push(Fault { line, message: Some(from.name.clone()), signal: signal.map(str::to_owned), weight, rule });
+        let line =
+            signal.map_or_else(|| lines.message(&from.name), |signal| lines.signal(&from.name, signal));
+        faults.push(Fault {
+            line,
+            message: Some(from.name.clone()),
+            signal: signal.map(str::to_owned),
+            weight,
+            rule,
+        });
     };
     let id = id_of(from.id);
     if let Some(other) = database.by_id(id) {
@@ -330,7 +363,10 @@ fn build(dbc: &Dbc, from: &can_dbc::Message, lines: &Lines, database: &mut Datab
         }
         let big_endian = signal.byte_order == ByteOrder::BigEndian;
         let Some(bits) = Bits::new(signal.start_bit, signal.size, big_endian) else {
-            wrong(format!("start bit {} and size {}: the size must be 1 to 64 bits, the start below 512", signal.start_bit, signal.size));
+            wrong(format!(
+                "start bit {} and size {}: the size must be 1 to 64 bits, the start below 512",
+                signal.start_bit, signal.size
+            ));
             continue;
         };
         if bits.end() > len {
@@ -345,7 +381,10 @@ fn build(dbc: &Dbc, from: &can_dbc::Message, lines: &Lines, database: &mut Datab
             (Some(SignalExtendedValueType::IEEEfloat32Bit), _) if signal.size == 32 => Number::Float,
             (Some(SignalExtendedValueType::IEEEdouble64bit), _) if signal.size == 64 => Number::Double,
             (Some(SignalExtendedValueType::IEEEfloat32Bit | SignalExtendedValueType::IEEEdouble64bit), _) => {
-                wrong(format!("is a float (SIG_VALTYPE_) of {} bits: must be 32 for type 1, 64 for type 2", signal.size));
+                wrong(format!(
+                    "is a float (SIG_VALTYPE_) of {} bits: must be 32 for type 1, 64 for type 2",
+                    signal.size
+                ));
                 continue;
             }
             (_, ValueType::Signed) => Number::Signed,
@@ -382,7 +421,13 @@ fn build(dbc: &Dbc, from: &can_dbc::Message, lines: &Lines, database: &mut Datab
         Some(can_dbc::AttributeValue::Double(ms)) => Some(*ms),
         _ => None,
     };
-    database.messages.push(Message { id, name: from.name.clone(), len, cycle_ms: cycle_ms.filter(|ms| *ms > 0.0), signals });
+    database.messages.push(Message {
+        id,
+        name: from.name.clone(),
+        len,
+        cycle_ms: cycle_ms.filter(|ms| *ms > 0.0),
+        signals,
+    });
 }
 
 /// Finds each multiplexed signal's selector. Returns the signals that have none though they need one.
@@ -414,7 +459,11 @@ fn select(
             (Some(extended), _) => {
                 let by = &extended.multiplexor_signal_name;
                 let Some(multiplexor) = signals.iter().position(|s| s.name == *by && s.is_multiplexor) else {
-                    note(Some(&name), Weight::Error, format!("is selected by {by} (SG_MUL_VAL_), which is no multiplexor of the message"));
+                    note(
+                        Some(&name),
+                        Weight::Error,
+                        format!("is selected by {by} (SG_MUL_VAL_), which is no multiplexor of the message"),
+                    );
                     unusable.push(index);
                     continue;
                 };
@@ -423,7 +472,11 @@ fn select(
             (None, Some(value)) => match plain.as_slice() {
                 [one] => (*one, vec![(value, value)]),
                 [] => {
-                    note(Some(&name), Weight::Error, format!("is selected by value {value} of a multiplexor, but the message has none"));
+                    note(
+                        Some(&name),
+                        Weight::Error,
+                        format!("is selected by value {value} of a multiplexor, but the message has none"),
+                    );
                     unusable.push(index);
                     continue;
                 }
@@ -438,7 +491,14 @@ fn select(
         let top = signals[multiplexor].codec.bits.size();
         let limit = u64::MAX >> (64 - top);
         if let Some((low, _)) = ranges.iter().find(|(low, high)| low > high || *low > limit) {
-            note(Some(&name), Weight::Error, format!("is selected by value {low}, which {} with its {top} bits cannot take", signals[multiplexor].name));
+            note(
+                Some(&name),
+                Weight::Error,
+                format!(
+                    "is selected by value {low}, which {} with its {top} bits cannot take",
+                    signals[multiplexor].name
+                ),
+            );
             unusable.push(index);
             continue;
         }
@@ -466,7 +526,11 @@ fn overlaps(signals: &[Signal], len: usize, note: &mut impl FnMut(Option<&str>, 
         for j in 0..i {
             let shares = marks[i].iter().zip(&marks[j]).any(|(a, b)| a & b != 0);
             if shares && !exclusive(signals, i, j) {
-                note(Some(&signal.name), Weight::Warning, format!("shares bits with signal {}", signals[j].name));
+                note(
+                    Some(&signal.name),
+                    Weight::Warning,
+                    format!("shares bits with signal {}", signals[j].name),
+                );
                 break;
             }
         }
@@ -476,15 +540,16 @@ fn overlaps(signals: &[Signal], len: usize, note: &mut impl FnMut(Option<&str>, 
 /// Whether two signals are never there together: selected by different values of the same multiplexor.
 pub fn exclusive(signals: &[Signal], i: usize, j: usize) -> bool {
     let (Some(a), Some(b)) = (&signals[i].selector, &signals[j].selector) else { return false };
-    let apart = |a: &Selector, b: &Selector| {
-        a.ranges.iter().all(|x| b.ranges.iter().all(|y| x.1 < y.0 || y.1 < x.0))
-    };
+    let apart =
+        |a: &Selector, b: &Selector| a.ranges.iter().all(|x| b.ranges.iter().all(|y| x.1 < y.0 || y.1 < x.0));
     if a.multiplexor == b.multiplexor {
         return apart(a, b);
     }
     // Nested: their multiplexors may exclude each other.
     (a.multiplexor != j && signals[a.multiplexor].selector.is_some() && exclusive(signals, a.multiplexor, j))
-        || (b.multiplexor != i && signals[b.multiplexor].selector.is_some() && exclusive(signals, i, b.multiplexor))
+        || (b.multiplexor != i
+            && signals[b.multiplexor].selector.is_some()
+            && exclusive(signals, i, b.multiplexor))
 }
 
 /// Statements about messages and signals that are not there.
@@ -503,7 +568,13 @@ fn lost_references(dbc: &Dbc, lines: &Lines, faults: &mut Vec<Fault>) {
         };
         // A broken statement elsewhere has its own fault; this one follows from it.
         if faults.iter().all(|f| f.signal.as_deref() != Some(signal) && f.message.as_ref() != Some(&known)) {
-            faults.push(Fault { line, message: Some(known), signal: Some(signal.to_owned()), weight: Weight::Error, rule });
+            faults.push(Fault {
+                line,
+                message: Some(known),
+                signal: Some(signal.to_owned()),
+                weight: Weight::Error,
+                rule,
+            });
         }
     };
     for float in &dbc.signal_extended_value_type_list {

@@ -16,13 +16,19 @@ const fn crc8(poly: u8, init: u8, xorout: u8) -> Algorithm<u8> {
 }
 
 /// Profiles 1 and 11: SAE J1850 without start value and final XOR (the profile undoes the library's).
-const J1850_ZERO: Crc<u8> = { const A: Algorithm<u8> = crc8(0x1D, 0x00, 0x00); Crc::<u8>::new(&A) };
+const J1850_ZERO: Crc<u8> = {
+    const A: Algorithm<u8> = crc8(0x1D, 0x00, 0x00);
+    Crc::<u8>::new(&A)
+};
 /// SAE J1850.
 const J1850: Crc<u8> = Crc::<u8>::new(&crc::CRC_8_SAE_J1850);
 /// CRC-8H2F.
 const H2F: Crc<u8> = Crc::<u8>::new(&crc::CRC_8_AUTOSAR);
 /// Hyundai's: opendbc's init 0xFD is that of an empty message: 0xFD ^ 0xDF.
-const HYUNDAI: Crc<u8> = { const A: Algorithm<u8> = crc8(0x1D, 0x22, 0xDF); Crc::<u8>::new(&A) };
+const HYUNDAI: Crc<u8> = {
+    const A: Algorithm<u8> = crc8(0x1D, 0x22, 0xDF);
+    Crc::<u8>::new(&A)
+};
 /// CRC-16 CCITT-FALSE.
 const CCITT: Crc<u16> = Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
@@ -190,7 +196,8 @@ impl Protection {
             MakerScheme::HyundaiNibble => {
                 // Over the frame with the checksum's own bits at 0.
                 let own = self.checksum.as_ref().map_or(0, |bits| bits.get(data) as u8 & 0xF);
-                let sum = data.iter().fold(0u8, |sum, byte| sum.wrapping_add(byte >> 4).wrapping_add(byte & 0xF));
+                let sum =
+                    data.iter().fold(0u8, |sum, byte| sum.wrapping_add(byte >> 4).wrapping_add(byte & 0xF));
                 0x10u8.wrapping_sub(sum.wrapping_sub(own) & 0xF) & 0xF
             }
             // With its constants: [`Rule::H2fWithList`].
@@ -223,11 +230,6 @@ impl Protection {
             delta if delta <= self.delta_max => Verdict::SomeLost,
             _ => Verdict::WrongSequence,
         }
-    }
-
-    /// Forgets the counter, after a time-out.
-    pub fn forget(state: &mut CheckState) {
-        state.last = None;
     }
 }
 

@@ -80,7 +80,8 @@ impl Faults {
         for (i, fault) in wanted.iter().enumerate() {
             let of = |name: &String| *name == fault.message;
             let sent: Vec<usize> = (0..plan.send.len()).filter(|&k| of(&plan.send[k].name)).collect();
-            let received: Vec<usize> = (0..plan.receive.len()).filter(|&k| of(&plan.receive[k].name)).collect();
+            let received: Vec<usize> =
+                (0..plan.receive.len()).filter(|&k| of(&plan.receive[k].name)).collect();
             let protection = match (sent.first(), received.first()) {
                 (Some(&k), _) => &plan.send[k].protection,
                 (None, Some(&k)) => &plan.receive[k].protection,

@@ -168,7 +168,15 @@ pub fn compile(
         let mut taken = Vec::new();
         send.protection = protect(message, wanted.protection.as_ref(), &at, &mut taken, &mut faults);
         for (j, signal) in wanted.signals.iter().enumerate() {
-            send_signal(message, signal, &format!("{at}.signals[{j}]"), sources, &mut taken, &mut send, &mut faults);
+            send_signal(
+                message,
+                signal,
+                &format!("{at}.signals[{j}]"),
+                sources,
+                &mut taken,
+                &mut send,
+                &mut faults,
+            );
         }
         fixed_multiplexors(message, wanted.signals.as_slice(), &at, &send.template, &mut faults);
         plan.send.push(send);
@@ -178,7 +186,12 @@ pub fn compile(
         let at = format!("receive[{i}]");
         let Some(message) = find(database, &wanted.message, &at, &mut faults) else { continue };
         if mapping.send.iter().any(|sent| sent.message == wanted.message) {
-            faults.note(format!("{at}.message"), &message.name, None, "is sent by this side: must not be received too");
+            faults.note(
+                format!("{at}.message"),
+                &message.name,
+                None,
+                "is sent by this side: must not be received too",
+            );
         }
         let mut receive = ReceivePlan {
             name: message.name.clone(),
@@ -193,7 +206,9 @@ pub fn compile(
         receive.protection = protect(message, wanted.protection.as_ref(), &at, &mut taken, &mut faults);
         for (j, signal) in wanted.signals.iter().enumerate() {
             let at = format!("{at}.signals[{j}]");
-            let Some(field) = receive_signal(message, signal, &at, targets, &taken, &mut faults) else { continue };
+            let Some(field) = receive_signal(message, signal, &at, targets, &taken, &mut faults) else {
+                continue;
+            };
             if let Some((_, by)) = written.iter().find(|(target, _)| *target == field.target) {
                 let rule = format!("{} is already written by {by}", signal.target);
                 faults.note(format!("{at}.target"), &message.name, Some(&signal.signal), rule);
@@ -229,7 +244,12 @@ fn find_signal<'a>(
             None
         }
         Some((_, signal)) if signal.selector.as_ref().is_some_and(|s| s.ranges.is_empty()) => {
-            faults.note(key, &message.name, Some(name), "nothing selects it: its multiplexing in the DBC file is broken");
+            faults.note(
+                key,
+                &message.name,
+                Some(name),
+                "nothing selects it: its multiplexing in the DBC file is broken",
+            );
             None
         }
         found => found,
@@ -263,7 +283,12 @@ fn unit_of(
         // Codes and counts have no unit on either side.
         None if signal.unit.is_empty() && other.is_some_and(|other| other.quantity == "number") => other,
         None if signal.unit.is_empty() => {
-            faults.note(format!("{at}.unit"), &message.name, name, "the DBC states no unit: must be given (`1` for a number or a code)");
+            faults.note(
+                format!("{at}.unit"),
+                &message.name,
+                name,
+                "the DBC states no unit: must be given (`1` for a number or a code)",
+            );
             None
         }
         None => {
@@ -306,7 +331,9 @@ fn send_signal(
     send: &mut SendPlan,
     faults: &mut Faults,
 ) {
-    let Some((index, signal)) = find_signal(message, &wanted.signal, format!("{at}.signal"), faults) else { return };
+    let Some((index, signal)) = find_signal(message, &wanted.signal, format!("{at}.signal"), faults) else {
+        return;
+    };
     let name = Some(signal.name.as_str());
     for &other in taken.iter() {
         if other == index {
@@ -319,7 +346,10 @@ fn send_signal(
         message.signals[other].codec.bits.mark(&mut b);
         if a.iter().zip(&b).any(|(a, b)| a & b != 0) {
             let rule = if exclusive(&message.signals, index, other) {
-                format!("is never sent together with signal {}: a multiplexed message is sent with one selection", message.signals[other].name)
+                format!(
+                    "is never sent together with signal {}: a multiplexed message is sent with one selection",
+                    message.signals[other].name
+                )
             } else {
                 format!("shares bits with signal {}, which is filled too", message.signals[other].name)
             };
@@ -348,7 +378,9 @@ fn send_signal(
             let Some((factor, offset)) = units::conversion(from, own) else {
                 let rule = format!(
                     "variable `{source}` is {} [{}], the signal is {} [{}]",
-                    article(from.quantity), sources[index].unit, article(own.quantity),
+                    article(from.quantity),
+                    sources[index].unit,
+                    article(own.quantity),
                     wanted.unit.as_deref().unwrap_or(&signal.unit)
                 );
                 faults.note(format!("{at}.source"), &message.name, name, rule);
@@ -383,7 +415,13 @@ fn article(quantity: &str) -> String {
 }
 
 /// A multiplexed signal is sent only if its multiplexor is a fixed value that selects it.
-fn fixed_multiplexors(message: &Message, wanted: &[SendSignal], at: &str, template: &[u8], faults: &mut Faults) {
+fn fixed_multiplexors(
+    message: &Message,
+    wanted: &[SendSignal],
+    at: &str,
+    template: &[u8],
+    faults: &mut Faults,
+) {
     for (j, said) in wanted.iter().enumerate() {
         let Some((index, signal)) = message.signal(&said.signal) else { continue };
         let Some(selector) = &signal.selector else { continue };
@@ -393,7 +431,10 @@ fn fixed_multiplexors(message: &Message, wanted: &[SendSignal], at: &str, templa
         let multiplexor = &message.signals[selector.multiplexor];
         let fixed = wanted.iter().any(|other| other.signal == multiplexor.name && other.value.is_some());
         if !fixed || !message.is_there(index, template) {
-            let rule = format!("is multiplexed: signal {} must be given as a `value` that selects it", multiplexor.name);
+            let rule = format!(
+                "is multiplexed: signal {} must be given as a `value` that selects it",
+                multiplexor.name
+            );
             faults.note(format!("{at}.signals[{j}].signal"), &message.name, Some(&signal.name), rule);
         }
     }
@@ -416,12 +457,19 @@ fn receive_signal(
     let own = unit_of(message, signal, wanted.unit.as_deref(), to.map(|(_, unit)| unit), at, faults);
     let (own, (target, to)) = (own?, to?);
     // A variable for whatever the user likes takes SI values of any quantity.
-    let to = if to.quantity == units::ANY.quantity { units::Unit { quantity: own.quantity, ..units::ANY } } else { to };
+    let to = if to.quantity == units::ANY.quantity {
+        units::Unit { quantity: own.quantity, ..units::ANY }
+    } else {
+        to
+    };
     let Some((factor, offset)) = units::conversion(own, to) else {
         let rule = format!(
             "the signal is {} [{}], variable `{}` is {} [{}]",
-            article(own.quantity), wanted.unit.as_deref().unwrap_or(&signal.unit), wanted.target,
-            article(to.quantity), targets[target].unit
+            article(own.quantity),
+            wanted.unit.as_deref().unwrap_or(&signal.unit),
+            wanted.target,
+            article(to.quantity),
+            targets[target].unit
         );
         faults.note(format!("{at}.target"), &message.name, name, rule);
         return None;
@@ -433,7 +481,10 @@ fn receive_signal(
     let reach = (a.min(b), a.max(b));
     let (min, max) = (wanted.min.unwrap_or(f64::NEG_INFINITY), wanted.max.unwrap_or(f64::INFINITY));
     if min > reach.1 || max < reach.0 {
-        let rule = format!("can only be {} to {} {}: nothing would ever be plausible", reach.0, reach.1, targets[target].unit);
+        let rule = format!(
+            "can only be {} to {} {}: nothing would ever be plausible",
+            reach.0, reach.1, targets[target].unit
+        );
         let key = if min > reach.1 { "min" } else { "max" };
         faults.note(format!("{at}.{key}"), &message.name, name, rule);
         return None;
@@ -467,38 +518,82 @@ fn protect(
         if let Some(size) = size
             && bits.size() != size
         {
-            faults.note(key, &message.name, Some(name), format!("must have {size} bits for this protection, has {}", bits.size()));
+            faults.note(
+                key,
+                &message.name,
+                Some(name),
+                format!("must have {size} bits for this protection, has {}", bits.size()),
+            );
             return None;
         }
         taken.push(index);
         Some(bits)
     };
     let protection = match wanted {
-        Wanted::AutosarP01 { checksum, counter, data_id_nibble, data_id, data_id_mode, max_delta_counter }
-        | Wanted::AutosarP11 { checksum, counter, data_id_nibble, data_id, data_id_mode, max_delta_counter } => {
+        Wanted::AutosarP01 {
+            checksum,
+            counter,
+            data_id_nibble,
+            data_id,
+            data_id_mode,
+            max_delta_counter,
+        }
+        | Wanted::AutosarP11 {
+            checksum,
+            counter,
+            data_id_nibble,
+            data_id,
+            data_id_mode,
+            max_delta_counter,
+        } => {
             let eleven = matches!(wanted, Wanted::AutosarP11 { .. });
             let checksum_bits = hold(checksum, "checksum", Some(8), faults);
             if checksum_bits.is_some_and(|bits| bits.whole_bytes().is_none()) {
-                faults.note(format!("{at}.protection.checksum"), &message.name, Some(checksum), "must be one whole byte");
+                faults.note(
+                    format!("{at}.protection.checksum"),
+                    &message.name,
+                    Some(checksum),
+                    "must be one whole byte",
+                );
             }
             let counter = hold(counter, "counter", Some(4), faults);
             if eleven && !matches!(data_id_mode, DataIdMode::Both | DataIdMode::Nibble) {
-                faults.note(format!("{at}.protection.data_id_mode"), &message.name, Some(checksum), "profile 11 knows `both` and `nibble` only");
+                faults.note(
+                    format!("{at}.protection.data_id_mode"),
+                    &message.name,
+                    Some(checksum),
+                    "profile 11 knows `both` and `nibble` only",
+                );
             }
             let nibble = match (data_id_nibble, data_id_mode) {
                 (Some(name), DataIdMode::Nibble) => hold(name, "data_id_nibble", Some(4), faults),
                 (None, DataIdMode::Nibble) => {
-                    faults.note(format!("{at}.protection.data_id_nibble"), &message.name, Some(checksum), "mode `nibble` needs the signal of the nibble");
+                    faults.note(
+                        format!("{at}.protection.data_id_nibble"),
+                        &message.name,
+                        Some(checksum),
+                        "mode `nibble` needs the signal of the nibble",
+                    );
                     None
                 }
                 (Some(name), _) => {
-                    faults.note(format!("{at}.protection.data_id_nibble"), &message.name, Some(name), "is for mode `nibble` only");
+                    faults.note(
+                        format!("{at}.protection.data_id_nibble"),
+                        &message.name,
+                        Some(name),
+                        "is for mode `nibble` only",
+                    );
                     None
                 }
                 (None, _) => None,
             };
             if *data_id_mode == DataIdMode::Nibble && data_id >> 12 != 0 {
-                faults.note(format!("{at}.protection.data_id"), &message.name, Some(checksum), format!("data ID {data_id} must be below 4096 in mode `nibble`"));
+                faults.note(
+                    format!("{at}.protection.data_id"),
+                    &message.name,
+                    Some(checksum),
+                    format!("data ID {data_id} must be below 4096 in mode `nibble`"),
+                );
             }
             Protection {
                 rule: Rule::J1850WithId { data_id: *data_id, mode: *data_id_mode },
@@ -527,7 +622,12 @@ fn protect(
         Wanted::AutosarP05 { checksum, counter, data_id, max_delta_counter } => {
             let checksum_bits = hold(checksum, "checksum", Some(16), faults);
             if checksum_bits.is_some_and(|bits| bits.whole_bytes().is_none() || !bits.low_byte_first()) {
-                faults.note(format!("{at}.protection.checksum"), &message.name, Some(checksum), "must be two whole bytes, little endian");
+                faults.note(
+                    format!("{at}.protection.checksum"),
+                    &message.name,
+                    Some(checksum),
+                    "must be two whole bytes, little endian",
+                );
             }
             Protection {
                 rule: Rule::CcittWithId { data_id: *data_id },
@@ -545,28 +645,50 @@ fn protect(
             let last = message.len.saturating_sub(1);
             let byte = checksum_bits.and_then(|bits| bits.whole_bytes()).map(|bytes| bytes.start);
             let wrong = match scheme {
-                MakerScheme::Toyota | MakerScheme::Nissan if checksum_bits.is_some() && byte != Some(last) => Some("must be the last byte"),
+                MakerScheme::Toyota | MakerScheme::Nissan
+                    if checksum_bits.is_some() && byte != Some(last) =>
+                {
+                    Some("must be the last byte")
+                }
                 MakerScheme::VwMqb if checksum_bits.is_some() && byte != Some(0) => Some("must be byte 0"),
-                MakerScheme::HyundaiCrc8 | MakerScheme::Tesla if checksum_bits.is_some() && byte.is_none() => Some("must be one whole byte"),
-                MakerScheme::HyundaiSum6 | MakerScheme::HyundaiSum7 if message.len != 8 => Some("needs a message of 8 bytes"),
+                MakerScheme::HyundaiCrc8 | MakerScheme::Tesla
+                    if checksum_bits.is_some() && byte.is_none() =>
+                {
+                    Some("must be one whole byte")
+                }
+                MakerScheme::HyundaiSum6 | MakerScheme::HyundaiSum7 if message.len != 8 => {
+                    Some("needs a message of 8 bytes")
+                }
                 _ => None,
             };
             if let Some(rule) = wrong {
                 faults.note(format!("{at}.protection.checksum"), &message.name, Some(checksum), rule);
             }
             let rule = match (scheme, constants) {
-                (MakerScheme::VwMqb, Some(constants)) if constants.len() == 1 => Rule::H2fWithList { list: [constants[0]; 16] },
+                (MakerScheme::VwMqb, Some(constants)) if constants.len() == 1 => {
+                    Rule::H2fWithList { list: [constants[0]; 16] }
+                }
                 (MakerScheme::VwMqb, Some(constants)) if constants.len() == 16 => {
                     let mut list = [0; 16];
                     list.copy_from_slice(constants);
                     Rule::H2fWithList { list }
                 }
                 (MakerScheme::VwMqb, _) => {
-                    faults.note(format!("{at}.protection.constants"), &message.name, Some(checksum), "`vw_mqb` needs the message's constant: one, or one for each of 16 counter values");
+                    faults.note(
+                        format!("{at}.protection.constants"),
+                        &message.name,
+                        Some(checksum),
+                        "`vw_mqb` needs the message's constant: one, or one for each of 16 counter values",
+                    );
                     Rule::None
                 }
                 (_, Some(_)) => {
-                    faults.note(format!("{at}.protection.constants"), &message.name, Some(checksum), "is for `vw_mqb` only");
+                    faults.note(
+                        format!("{at}.protection.constants"),
+                        &message.name,
+                        Some(checksum),
+                        "is for `vw_mqb` only",
+                    );
                     Rule::None
                 }
                 (scheme, None) => Rule::Maker(*scheme),
@@ -610,7 +732,12 @@ fn layout_two(
         faults.note(format!("{at}.protection.checksum"), &message.name, Some(checksum), "must be byte 0");
     }
     if counter_bits.is_some_and(|bits| bits.lowest() != (1, 0)) {
-        faults.note(format!("{at}.protection.counter"), &message.name, Some(counter), "must be the low nibble of byte 1");
+        faults.note(
+            format!("{at}.protection.counter"),
+            &message.name,
+            Some(counter),
+            "must be the low nibble of byte 1",
+        );
     }
 }
 
@@ -624,13 +751,23 @@ fn greatest(
 ) -> u64 {
     let Some(bits) = bits else { return 0 };
     if bits.size() > 8 {
-        faults.note(format!("{at}.protection.counter"), &message.name, name, format!("a counter has at most 8 bits, not {}", bits.size()));
+        faults.note(
+            format!("{at}.protection.counter"),
+            &message.name,
+            name,
+            format!("a counter has at most 8 bits, not {}", bits.size()),
+        );
         return 0;
     }
     let top = u64::MAX >> (64 - bits.size());
     let max = said.map_or(top, u64::from);
     if max > top {
-        faults.note(format!("{at}.protection.counter_max"), &message.name, name, format!("{max} does not fit {} bits", bits.size()));
+        faults.note(
+            format!("{at}.protection.counter_max"),
+            &message.name,
+            name,
+            format!("{max} does not fit {} bits", bits.size()),
+        );
     }
     max
 }

@@ -1,7 +1,7 @@
 //! Receiving: each frame judged (length, protection, plausibility), each message timed, absent values said.
 
 use crate::bus::Queue;
-use crate::e2e::{CheckState, Protection, Verdict};
+use crate::e2e::{CheckState, Verdict};
 use crate::fault::{self, Faults, LATE_MAX};
 use crate::frame::Frame;
 use crate::mapping::ReceivePlan;
@@ -135,7 +135,9 @@ impl Receiver {
         if let Some(protection) = &message.protection
             && frame.data().len() >= message.len
         {
-            if wrong.stale && let Some(bits) = &protection.counter {
+            if wrong.stale
+                && let Some(bits) = &protection.counter
+            {
                 let counter = *state.stale.get_or_insert(bits.get(frame.data()));
                 protection.protect(message.id, &mut frame.data_mut()[..message.len], counter);
             }
@@ -164,8 +166,7 @@ impl Receiver {
             if silent && known.status & status::TIMEOUT == 0 {
                 known.status |= status::TIMEOUT;
                 known.timeouts += 1;
-                // After a silence the counter may stand anywhere.
-                Protection::forget(&mut state.check);
+                // The counter is not forgotten: one that stands still would be taken for a fresh start.
                 state.last.fill(None);
             }
             if known.status & status::ABSENT != 0 {

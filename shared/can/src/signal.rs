@@ -82,7 +82,8 @@ impl Bits {
     pub fn get(&self, data: &[u8]) -> u64 {
         let touched = &data[self.byte..self.byte + self.bytes];
         let join = |word: u128, byte: &u8| (word << 8) | u128::from(*byte);
-        let word = if self.big_endian { touched.iter().fold(0, join) } else { touched.iter().rev().fold(0, join) };
+        let word =
+            if self.big_endian { touched.iter().fold(0, join) } else { touched.iter().rev().fold(0, join) };
         (word >> self.shift) as u64 & self.mask()
     }
 

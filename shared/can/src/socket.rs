@@ -6,7 +6,9 @@
 
 use crate::bus::{Bus, BusError, Event};
 use crate::frame::{Frame, Id};
-use socketcan::{CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, CanSocket, EmbeddedFrame, Socket, SocketOptions};
+use socketcan::{
+    CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, CanSocket, EmbeddedFrame, Socket, SocketOptions,
+};
 use std::io;
 
 const EAFNOSUPPORT: i32 = 97;
@@ -98,7 +100,8 @@ impl SocketBus {
     /// [`BusError`].
     pub fn wait(&self, timeout: std::time::Duration) -> Result<bool, BusError> {
         use std::os::fd::AsFd;
-        let mut wanted = [rustix::event::PollFd::from_borrowed_fd(self.socket.as_fd(), rustix::event::PollFlags::IN)];
+        let mut wanted =
+            [rustix::event::PollFd::from_borrowed_fd(self.socket.as_fd(), rustix::event::PollFlags::IN)];
         let limit = rustix::event::Timespec {
             tv_sec: timeout.as_secs() as i64,
             tv_nsec: i64::from(timeout.subsec_nanos()),

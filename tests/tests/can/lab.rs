@@ -120,65 +120,117 @@ fn a_missing_interface_and_one_that_is_down_are_told_apart() {
     assert_eq!(said("vcan1").0, Some(0), "and works again");
 }
 
-/// The whole chain in real time: bench as processes, rest-bus on vcan0, the ECU as a process of its own, candump as
-/// witness. User-mode Linux keeps no 1 ms beat: what is tested is the content, not the timing.
+/// Rest-bus and virtual ECU as processes of their own on vcan0, until each has told the other what it must: the
+/// values, then the checksum errors that the ECU counted and reports on the bus. By conditions, not by the clock:
+/// user-mode Linux on a busy machine keeps no beat.
 #[test]
 #[ignore = "needs vcan0: run by on_a_real_bus inside scripts/can-lab"]
-fn the_bench_and_the_virtual_ecu_talk_and_faults_are_counted() {
+fn rest_bus_and_virtual_ecu_talk_and_faults_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let seen_path = folder.path().join("seen.json");
+    let mut ecu = start(kingpin(), &["can", "ecu", "-i", "vcan0", "--output", &seen_path.to_string_lossy()]);
+    until_listening("vcan0", 1);
+    let mut dump = start("candump", &["-L", "vcan0"]);
+    until_listening("vcan0", 2);
+
+    let (loaded, dbc) = config::load_can("steering_rest_bus").unwrap();
+    let (database, _) = can::Database::read(&dbc.text);
+    let (sources, targets) = (assembly::can_sources(), assembly::can_targets());
+    let plan = can::mapping::compile(&loaded.value, &database, &sources, &targets).unwrap();
+    let spoiled = [config::can::CanFault {
+        message: "VehicleSpeed".to_owned(),
+        fault: config::can::FaultKind::WrongCrc,
+        start_s: 1000.0,
+        end_s: None,
+        delay_ms: None,
+    }];
+    let faults = can::fault::Faults::compile(&plan, &spoiled).unwrap();
+    let mut rest_bus = can::restbus::RestBus::new(plan.send.clone(), &faults);
+    let mut receiver = can::receive::Receiver::new(plan.receive.clone(), &faults);
+    let mut bus = SocketBus::open("vcan0").unwrap();
+    let mut values = vec![0.0; sources.len()];
+    let mut said = vec![f64::NAN; targets.len()];
+    let place = |list: &[can::mapping::Variable], name: &str| list.iter().position(|v| v.name == name).unwrap();
+    values[place(&sources, "rig_measurement.torsion_bar_torque_n_m")] = 4.0;
+    values[place(&sources, "vehicle_state.engine_speed_rad_s")] = 250.0;
+    let torque = place(&targets, "can.ecu_driver_torque_n_m");
+    let assist = place(&targets, "can.ecu_assist_torque_n_m");
+    let errors = place(&targets, "can.ecu_checksum_errors");
+
+    let begin = Instant::now();
+    let (mut told_values, mut told_errors) = (false, false);
+    // From where on the fault is in force: the clock of the rest-bus is set forward, as its cycles allow.
+    let mut ahead_ns = 0;
+    while begin.elapsed() < Duration::from_secs(60) && !told_errors {
+        let now_ns = begin.elapsed().as_nanos() as u64 + ahead_ns;
+        while let Some(event) = bus.receive().unwrap() {
+            if let Event::Frame(frame) = event {
+                receiver.take(now_ns, &frame, &mut said);
+            }
+        }
+        receiver.step(now_ns, &mut said);
+        rest_bus.step(now_ns, &values, &mut bus);
+        if !told_values && said[torque] == 4.0 && said[assist] > 1.0 {
+            told_values = true;
+            ahead_ns = 1_000_000_000_000;
+        }
+        told_errors = told_values && said[errors] >= 5.0;
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert!(told_values, "torque {} assist {}", said[torque], said[assist]);
+    assert!(told_errors, "checksum errors {}", said[errors]);
+    assert_eq!(receiver.known(0).wrong, 0, "what the ECU sends is right");
+    assert!(Command::new("kill").args(["-INT", &ecu.id().to_string()]).status().unwrap().success());
+    assert!(ecu.wait().unwrap().success());
+    let seen: Value = serde_json::from_str(&std::fs::read_to_string(&seen_path).unwrap()).unwrap();
+    println!("the ECU saw {seen}");
+    assert!(seen["seen"]["checksum_errors"].as_u64().unwrap() >= 5);
+    assert!(seen["seen"]["good"].as_u64().unwrap() > 20);
+
+    // The witness: every message of the plan was on the wire, as the kind of frame it should be.
+    dump.kill().unwrap();
+    let dumped = text(&dump.wait_with_output().unwrap().stdout);
+    let frames: Vec<Frame> =
+        dumped.lines().filter_map(|line| Frame::parse(line.split_whitespace().nth(2)?).ok()).collect();
+    for id in plan.send.iter().map(|m| m.id).chain(plan.receive.iter().map(|m| m.id)) {
+        assert!(frames.iter().any(|frame| frame.id == id), "no frame {id} seen by candump");
+    }
+    assert!(frames.iter().filter(|frame| frame.id == Id::Standard(416)).all(|frame| frame.fd));
+    assert!(frames.iter().any(|frame| frame.id == Id::Extended(0x18FF_0101)));
+}
+
+/// The bench itself as processes, its rest-bus on vcan0, the ECU as a process of its own. Its 1 ms beat is beyond a
+/// user-mode Linux: the run may trip; that the service was on the bus and heard the ECU is what counts.
+#[test]
+#[ignore = "needs vcan0: run by on_a_real_bus inside scripts/can-lab"]
+fn a_run_of_the_bench_is_on_the_bus() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = folder.path().join("bus.toml");
     let text_of = "extends = \"slalom_120\"\nname = \"bus\"\n[can]\nmapping_file = \"steering_rest_bus\"\n\
-                   interface = \"vcan0\"\n\
-                   faults = [{ message = \"VehicleSpeed\", fault = \"wrong_crc\", start_s = 2.0, end_s = 2.5 }]\n";
+                   interface = \"vcan0\"\n";
     std::fs::write(&scenario, text_of).unwrap();
     let seen_path = folder.path().join("seen.json");
     let mut ecu = start(kingpin(), &["can", "ecu", "-i", "vcan0", "--output", &seen_path.to_string_lossy()]);
     until_listening("vcan0", 1);
-    let dump = start("candump", &["-L", "-T", "2500", "vcan0"]);
-    until_listening("vcan0", 2);
     let out = folder.path().join("run");
     let run = Command::new(kingpin())
-        .args(["run", &scenario.to_string_lossy(), "--duration", "4", "--no-report", "--name", &own("lab"), "--out"])
+        .args(["run", &scenario.to_string_lossy(), "--duration", "3.2", "--no-report", "--name", &own("lab"), "--out"])
         .arg(&out)
         .output()
         .unwrap();
-    let id = ecu.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
-    let ecu_said = text(&ecu.stderr.take().map(|mut e| {
-        let mut bytes = Vec::new();
-        let _ = std::io::Read::read_to_end(&mut e, &mut bytes);
-        bytes
-    }).unwrap());
-    assert!(ecu.wait().unwrap().success(), "{ecu_said}");
-    let about = format!("{ecu_said}\n{}", text(&run.stderr));
-
+    assert!(Command::new("kill").args(["-INT", &ecu.id().to_string()]).status().unwrap().success());
+    assert!(ecu.wait().unwrap().success());
+    let about = text(&run.stderr);
     let seen: Value = serde_json::from_str(&std::fs::read_to_string(&seen_path).unwrap()).unwrap();
     println!("the ECU saw {seen}");
-    assert!(seen["seen"]["good"].as_u64().unwrap() > 200, "{about}");
-    let wrong = seen["seen"]["checksum_errors"].as_u64().unwrap();
-    assert!((1..=51).contains(&wrong), "{wrong} of at most 51 spoiled frames counted: {about}");
-
+    assert!(seen["seen"]["good"].as_u64().unwrap() > 0, "{about}");
+    assert_eq!(seen["seen"]["checksum_errors"], 0, "{about}");
     let log = LogReader::open(&out).unwrap();
     let flags = log.column("can", "flags").unwrap();
     let memory = regions::can_flags::IN_MEMORY | regions::can_flags::FALLBACK;
     assert!(flags.iter().all(|&flags| flags as u64 & memory == 0), "a real bus");
     let good = log.column("can", "message_good_count.0").unwrap();
-    assert!(good.last().copied().unwrap() > 50.0, "{about}");
-    let said = log.column("can", "ecu_checksum_errors").unwrap();
-    let said = said.iter().copied().filter(|errors| errors.is_finite()).fold(0.0, f64::max);
-    assert!(said >= 1.0, "what the ECU counted came back over the bus: {about}");
+    assert!(good.last().copied().unwrap() > 0.0, "{about}");
     let wrong = log.column("can", "message_wrong_count.0").unwrap();
     assert_eq!(wrong.last().copied(), Some(0.0));
-
-    // The witness decodes with the DBC, and every checksum on the wire that was not spoiled is right.
-    let dumped = text(&dump.wait_with_output().unwrap().stdout);
-    let frames: Vec<Frame> = dumped
-        .lines()
-        .filter_map(|line| Frame::parse(line.split_whitespace().nth(2)?).ok())
-        .collect();
-    for id in [160u16, 164, 168, 192, 288, 304, 416, 240] {
-        assert!(frames.iter().any(|frame| frame.id == Id::Standard(id)), "no frame {id:03X} seen by candump");
-    }
-    assert!(frames.iter().filter(|frame| frame.id == Id::Standard(416)).all(|frame| frame.fd));
-    assert!(frames.iter().any(|frame| frame.id == Id::Extended(0x18FF_0101)));
 }

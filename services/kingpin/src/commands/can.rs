@@ -32,11 +32,16 @@ pub fn read_dbc(reference: &str) -> Result<TextFile, String> {
         && let Some(shipped) = config::Library::get(Kind::Can, reference)
         && shipped.file_name.ends_with(".dbc")
     {
-        return Ok(TextFile { name: format!("library:can/{}", shipped.file_name), text: shipped.text.to_owned() });
+        return Ok(TextFile {
+            name: format!("library:can/{}", shipped.file_name),
+            text: shipped.text.to_owned(),
+        });
     }
     match std::fs::read(path) {
         // Latin-1 comments are common; they mean nothing to a frame.
-        Ok(bytes) => Ok(TextFile { name: reference.to_owned(), text: String::from_utf8_lossy(&bytes).into_owned() }),
+        Ok(bytes) => {
+            Ok(TextFile { name: reference.to_owned(), text: String::from_utf8_lossy(&bytes).into_owned() })
+        }
         Err(error) => Err(format!("{reference}: {error}")),
     }
 }
@@ -157,7 +162,8 @@ pub fn decoded(message: &Message, data: &[u8]) -> Map<String, Value> {
     there
         .map(|index| {
             let signal = &message.signals[index];
-            let mut entry = json!({"raw": raw_json(signal.codec.raw(data)), "value": signal.codec.decode(data)});
+            let mut entry =
+                json!({"raw": raw_json(signal.codec.raw(data)), "value": signal.codec.decode(data)});
             if let Some(word) = word(message, index, data) {
                 entry["word"] = word.into();
             }
@@ -235,7 +241,9 @@ fn decode(args: &CanDecodeArgs) -> Exit {
         }
     };
     if args.frames.is_empty() {
-        for line in std::io::stdin().lock().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
+        for line in
+            std::io::stdin().lock().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty())
+        {
             one(&line);
         }
     } else {
@@ -291,7 +299,9 @@ fn encode_message(
             && !message.is_there(index, &data)
         {
             let by = signal.selector.as_ref().map_or("", |s| message.signals[s.multiplexor].name.as_str());
-            faults.push(format!("message {name}, signal {signal_name}: the value of multiplexor {by} does not select it"));
+            faults.push(format!(
+                "message {name}, signal {signal_name}: the value of multiplexor {by} does not select it"
+            ));
         }
     }
     if !faults.is_empty() {
@@ -302,7 +312,12 @@ fn encode_message(
 }
 
 /// `SIGNAL=VALUE` words with a message, as a frame.
-pub fn encode_words(database: &Database, name: &str, words: &[String], fd: bool) -> Result<Frame, Vec<String>> {
+pub fn encode_words(
+    database: &Database,
+    name: &str,
+    words: &[String],
+    fd: bool,
+) -> Result<Frame, Vec<String>> {
     let mut wanted = Vec::new();
     let mut faults = Vec::new();
     for word in words {
@@ -353,7 +368,11 @@ fn encode_line(database: &Database, line: &str) -> Result<Frame, Vec<String>> {
         match (value.as_f64(), raw) {
             (Some(value), _) => wanted.push((signal.clone(), Wanted::Value(value))),
             (None, Some(raw)) => wanted.push((signal.clone(), Wanted::Raw(raw))),
-            _ => return Err(vec![format!("message {name}, signal {signal}: must be a number or {{\"raw\": n}}")]),
+            _ => {
+                return Err(vec![format!(
+                    "message {name}, signal {signal}: must be a number or {{\"raw\": n}}"
+                )]);
+            }
         }
     }
     encode_message(database, name, &wanted, false)

@@ -120,7 +120,8 @@ fn show(args: &CanMonitorArgs, database: &Database, event: Event, at_s: f64) -> 
             "time_s": at_s, "frame": frame.to_string(), "message": message.map(|m| &m.name), "signals": signals
         }));
     } else {
-        let text = message.map_or(String::new(), |m| format!("  {}: {}", m.name, decoded_text(m, frame.data())));
+        let text =
+            message.map_or(String::new(), |m| format!("  {}: {}", m.name, decoded_text(m, frame.data())));
         output::line(format!("{at_s:10.6}  {frame}{text}"));
     }
     true
