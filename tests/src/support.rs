@@ -19,6 +19,10 @@ pub fn kingpin() -> PathBuf {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT
         .get_or_init(|| {
+            // Where nothing can be built (inside the CAN lab) it was built before.
+            if let Some(built) = std::env::var_os("KINGPIN_EXECUTABLE") {
+                return built.into();
+            }
             let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
             let built = Command::new(cargo)
                 .args(["build", "--release", "--quiet", "--package", "kingpin"])

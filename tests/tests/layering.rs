@@ -22,9 +22,11 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("rig_control", &["config", "rig_plant", "metrics"]),
     ("safety", &["config", "rig_plant", "rig_control"]),
     ("runtime", &["table", "regions"]),
+    ("can", &["config"]),
     (
         "assembly",
         &[
+            "can",
             "config",
             "regions",
             "table",
@@ -46,6 +48,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("vehicle_service", &["assembly", "table"]),
     ("multibody_service", &["assembly", "table"]),
     ("rig_service", &["assembly", "table"]),
+    ("can_service", &["assembly", "can", "runtime", "table"]),
     ("logger", &["assembly", "record", "regions", "runtime", "table"]),
     ("supervisor", &["assembly", "config", "logger", "record", "regions", "runtime", "table"]),
 ];

@@ -2,6 +2,7 @@
 //! canonical text and its hash for the log.
 
 use crate::axle::Axle;
+use crate::can::Can;
 use crate::car::Car;
 use crate::check::Broken;
 use crate::library::Kind;
@@ -53,6 +54,8 @@ pub struct ResolvedBench {
     pub unit_model: Option<ModelFiles>,
     /// The car's driveline model, if its file names one.
     pub driveline_model: Option<ModelFiles>,
+    /// The CAN bus, if the scenario asks for one.
+    pub can: Option<ResolvedCan>,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
     /// The road's surface, if the scenario names one.
@@ -62,6 +65,39 @@ pub struct ResolvedBench {
     /// Where keys of the scenario that are checked later were written, as `file:line:column`.
     #[serde(default)]
     pub places: BTreeMap<String, String>,
+}
+
+/// A CAN mapping and the DBC file that it speaks of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ResolvedCan {
+    /// The mapping.
+    pub mapping: Can,
+    /// The DBC file.
+    pub dbc: TextFile,
+}
+
+/// Loads a CAN mapping (a path, or a shipped one by its bare name) and the DBC file that it names.
+///
+/// # Errors
+/// All violations of the mapping at once; what does not fit the DBC is crate `can`'s to find.
+pub fn load_can(reference: &str) -> Result<(Loaded<Can>, TextFile), Problems> {
+    can_at(&load::place_of_argument(reference, Kind::Can)?, &[])
+}
+
+fn can_at(place: &Place, overrides: &[String]) -> Result<(Loaded<Can>, TextFile), Problems> {
+    let mut draft = Draft::read(place, Kind::Can, overrides)?;
+    let dbc = draft.reference("dbc_file", Kind::Can);
+    let loaded = draft.finish::<Can>()?;
+    let text = match dbc {
+        Some(Ok(place)) => load::read_text(&place, REFERENCE_BYTES_MAX)
+            .map(|text| TextFile { name: place.name(), text })
+            .map_err(|violation| Problems::one(*violation))?,
+        Some(Err(violation)) => return Err(Problems::one(violation)),
+        None => {
+            return Err(Problems::one(loaded.violation(Mistake::MissingKey, "dbc_file", "must be given")));
+        }
+    };
+    Ok((loaded, text))
 }
 
 impl ResolvedBench {
@@ -96,10 +132,12 @@ impl ResolvedBench {
         let scenario = assembly.keep(scenario);
         let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded, foreign));
         let surface = scenario.as_ref().and_then(|loaded| assembly.surface(loaded));
+        let wants_can = scenario.as_ref().is_some_and(|loaded| loaded.value.can.is_some());
+        let can = if wants_can { assembly.can(&draft).map(Some) } else { Some(None) };
         let Assembly { mut problems, sources, .. } = assembly;
         problems.sort();
-        match (scenario, car, rig, unit, record) {
-            (Some(scenario), Some((car, front_axle)), Some(rig), Some(unit), Some(record))
+        match (scenario, car, rig, unit, record, can) {
+            (Some(scenario), Some((car, front_axle)), Some(rig), Some(unit), Some(record), Some(can))
                 if problems.is_empty() =>
             {
                 Ok(Self {
@@ -113,6 +151,7 @@ impl ResolvedBench {
                     unit: unit.value,
                     unit_model,
                     driveline_model: car.driveline_model,
+                    can,
                     record,
                     surface,
                     sources,
@@ -390,6 +429,21 @@ impl<'a> Assembly<'a> {
                     self.source(file.name.clone(), file.text.clone());
                 }
                 Some(files)
+            }
+            Err(problems) => {
+                self.problems.extend(problems);
+                None
+            }
+        }
+    }
+
+    fn can(&mut self, scenario: &Draft) -> Option<ResolvedCan> {
+        let place = self.place(scenario, "can.mapping_file", Kind::Can)?;
+        match can_at(&place, &[]) {
+            Ok((loaded, dbc)) => {
+                let mapping = self.keep(Ok(loaded))?.value;
+                self.source(dbc.name.clone(), dbc.text.clone());
+                Some(ResolvedCan { mapping, dbc })
             }
             Err(problems) => {
                 self.problems.extend(problems);

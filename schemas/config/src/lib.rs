@@ -7,6 +7,7 @@
 
 pub mod axle;
 pub mod bench;
+pub mod can;
 pub mod car;
 pub mod check;
 pub mod equations;
@@ -27,7 +28,7 @@ pub mod unit_name;
 mod validate;
 pub mod wheel;
 
-pub use bench::{ResolvedBench, ResolvedCar, TextFile};
+pub use bench::{ResolvedBench, ResolvedCan, ResolvedCar, TextFile, load_can};
 pub use check::{Broken, Check, Checker};
 pub use library::{Kind, Library};
 pub use load::{Loaded, Section, all_schemas, load, load_with, schema_json};

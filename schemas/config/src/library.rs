@@ -11,6 +11,7 @@ static TYRES: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../tyres");
 static UNITS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../units");
 static SCENARIOS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../scenarios");
 static RIGS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../rigs");
+static CAN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../can");
 static MODELS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../models");
 
 /// Kinds of shipped files; each has its directory.
@@ -31,12 +32,22 @@ pub enum Kind {
     Rig,
     /// Functional models.
     Model,
+    /// CAN mappings and DBC files.
+    Can,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 7] =
-        [Self::Scenario, Self::Car, Self::Suspension, Self::Tyre, Self::Unit, Self::Rig, Self::Model];
+    pub const ALL: [Self; 8] = [
+        Self::Scenario,
+        Self::Car,
+        Self::Suspension,
+        Self::Tyre,
+        Self::Unit,
+        Self::Rig,
+        Self::Model,
+        Self::Can,
+    ];
 
     /// Directory of the kind in the library.
     pub fn directory(self) -> &'static str {
@@ -48,6 +59,7 @@ impl Kind {
             Self::Unit => "units",
             Self::Rig => "rigs",
             Self::Model => "models",
+            Self::Can => "can",
         }
     }
 
@@ -60,6 +72,7 @@ impl Kind {
             Self::Unit => &UNITS,
             Self::Rig => &RIGS,
             Self::Model => &MODELS,
+            Self::Can => &CAN,
         }
     }
 }
@@ -113,7 +126,7 @@ fn shipped(file: &'static include_dir::File<'static>) -> Option<Shipped> {
     let file_name = file.path().file_name()?.to_str()?;
     let name = file.path().file_stem()?.to_str()?;
     let extension = file.path().extension()?.to_str()?;
-    if !["toml", "json", "tir"].contains(&extension) {
+    if !["toml", "json", "tir", "dbc"].contains(&extension) {
         return None;
     }
     Some(Shipped { name, file_name, text: file.contents_utf8()? })

@@ -54,6 +54,10 @@ impl Section for crate::equations::Equations {
     const KIND: Kind = Kind::Scenario;
 }
 
+impl Section for crate::can::Can {
+    const KIND: Kind = Kind::Can;
+}
+
 impl Section for crate::axle::Axle {
     const KIND: Kind = Kind::Suspension;
 
@@ -478,6 +482,7 @@ pub fn all_schemas() -> Vec<(Kind, serde_json::Value)> {
         (Kind::Suspension, schema_json::<crate::axle::Axle>()),
         (Kind::Rig, schema_json::<crate::rig::Rig>()),
         (Kind::Unit, schema_json::<crate::unit::SteeringUnit>()),
+        (Kind::Can, schema_json::<crate::can::Can>()),
     ]
 }
 

@@ -13,6 +13,7 @@ use crate::check::{Check, Checker};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use crate::can::CanRun;
 pub use crate::equations::Equations;
 pub use crate::road::{Crosswind, Friction, FrictionPatch, Outside, Road, Surface};
 pub use crate::steer::{
@@ -70,6 +71,8 @@ pub struct Scenario {
     pub equations: Option<Equations>,
     /// Where recorded histories lie and which part of them is replayed.
     pub record: Option<Record>,
+    /// A CAN bus with the ECU under test, or a virtual one; absent: none.
+    pub can: Option<CanRun>,
     /// Measured signals to lay over the results.
     pub compare: Option<Vec<Compare>>,
 }
@@ -349,6 +352,9 @@ impl Check for Scenario {
                     c.require(column.scale != 0.0, &key, "must not be 0");
                 }
             });
+        }
+        if let Some(can) = &self.can {
+            c.within("can", |c| can.check(c));
         }
         c.within("road", |c| self.road.check(c));
         if let Some(equations) = &self.equations {

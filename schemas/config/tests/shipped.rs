@@ -54,7 +54,7 @@ fn a_section_written_out_loads_as_the_same() {
 #[test]
 fn editors_get_a_schema_that_allows_extends_and_still_tells_variants_apart() {
     let all = config::all_schemas();
-    assert_eq!(all.len(), 5);
+    assert_eq!(all.len(), 6);
     for (kind, schema) in &all {
         assert_eq!(schema["properties"]["extends"]["type"], "string", "{kind:?}");
         assert_eq!(schema["additionalProperties"], false, "{kind:?}");

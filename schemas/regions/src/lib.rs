@@ -62,6 +62,7 @@ regions! {
     "rig_timing" RigTiming "rig" Timing false Seconds;
     "vehicle_timing" VehicleTiming "vehicle" Timing false Seconds;
     "multibody_timing" MultibodyTiming "multibody" Timing false Seconds;
+    "can" Can "can" Can true Seconds;
     "logger_status" LoggerStatus "logger" LoggerStatus false Ticks(64);
     "vehicle_checkpoint" VehicleCheckpoint "vehicle" VehicleCheckpoint true Ticks(16);
     "multibody_checkpoint" MultibodyCheckpoint "multibody" MultibodyCheckpoint true Ticks(16);

@@ -322,6 +322,82 @@ payload! {
 }
 
 payload! {
+    /// What the CAN bus brought and how it does. Values are NaN while their message is absent or implausible.
+    Can version 1 {
+        /// Tick.
+        tick: u64 One "1",
+        /// Time of the look at the bus since the start of the run.
+        time_s: f64 One "s",
+        /// Bits: see `can_flags`.
+        flags: u64 One "1",
+        /// Tick of the rig measurement sent.
+        used_rig_measurement: u64 One "1",
+        /// Tick of the vehicle state sent.
+        used_vehicle_state: u64 One "1",
+        /// Frames sent since the start.
+        sent_count: u64 One "1",
+        /// Frames received since the start.
+        received_count: u64 One "1",
+        /// Frames that the bus refused.
+        refused_count: u64 One "1",
+        /// Cycles of messages not sent because a variable was absent.
+        withheld_count: u64 One "1",
+        /// Cycles of messages left out because the service came late.
+        skipped_count: u64 One "1",
+        /// Signals clamped to their range.
+        clamped_count: u64 One "1",
+        /// Frames touched by injected faults.
+        injected_count: u64 One "1",
+        /// Frames of messages that the mapping does not name.
+        unknown_count: u64 One "1",
+        /// Error frames of the controller and failed accesses.
+        bus_error_count: u64 One "1",
+        /// Status of each message received, in the mapping's order, as bits: see `can_status`.
+        message_status: u64 Index(16) "1",
+        /// Age of each message's last good frame, NaN before the first.
+        message_age_s: f64 Index(16) "s",
+        /// Good frames.
+        message_good_count: u64 Index(16) "1",
+        /// Frames with wrong checksum, counter value, Data ID or length.
+        message_wrong_count: u64 Index(16) "1",
+        /// Frames repeated or out of sequence.
+        message_sequence_count: u64 Index(16) "1",
+        /// Frames known to be lost from the steps of the counter.
+        message_lost_count: u64 Index(16) "1",
+        /// Implausible values.
+        message_implausible_count: u64 Index(16) "1",
+        /// Times the message timed out.
+        message_timeout_count: u64 Index(16) "1",
+        /// State of the ECU as its message says.
+        ecu_state: f64 One "1",
+        /// Driver's torque by the ECU, left positive.
+        ecu_driver_torque_n_m: f64 One "N*m",
+        /// Assist torque by the ECU, left positive.
+        ecu_assist_torque_n_m: f64 One "N*m",
+        /// Steering angle by the ECU, left positive.
+        ecu_steering_angle_rad: f64 One "rad",
+        /// Rack force estimated by the ECU, left positive.
+        ecu_rack_force_n: f64 One "N",
+        /// Temperature of the ECU.
+        ecu_temperature_k: f64 One "K",
+        /// Supply voltage at the ECU.
+        ecu_supply_v: f64 One "V",
+        /// Supply current of the ECU.
+        ecu_supply_a: f64 One "A",
+        /// Checksum errors that the ECU counted on what it received.
+        ecu_checksum_errors: f64 One "1",
+        /// Sequence errors that the ECU counted.
+        ecu_sequence_errors: f64 One "1",
+        /// Time-outs that the ECU counted.
+        ecu_timeouts: f64 One "1",
+        /// Lost frames that the ECU counted.
+        ecu_lost_frames: f64 One "1",
+        /// Values for whatever else the mapping receives.
+        value: f64 Index(16) "SI",
+    }
+}
+
+payload! {
     /// How far the logger is.
     LoggerStatus version 1 {
         /// Count of this status: it is published when there is news, not each tick.
@@ -417,6 +493,42 @@ pub mod rig_flags {
     pub const REFUSED_COMMAND: u64 = 1 << 3;
     /// The plant is virtual.
     pub const VIRTUAL: u64 = 1 << 4;
+}
+
+/// Bits of `flags` in the CAN region.
+pub mod can_flags {
+    /// The bus is in memory, with the virtual ECU on it.
+    pub const IN_MEMORY: u64 = 1 << 0;
+    /// An interface was asked for and could not be had: the bus in memory stands in for it.
+    pub const FALLBACK: u64 = 1 << 1;
+    /// The bus failed in this tick: error frame, interface down, queue full.
+    pub const BUS_ERROR: u64 = 1 << 2;
+    /// At least one message received is absent: never seen, or timed out.
+    pub const MESSAGE_ABSENT: u64 = 1 << 3;
+    /// A value of the last frames was implausible.
+    pub const IMPLAUSIBLE: u64 = 1 << 4;
+    /// A fault is being injected, or was.
+    pub const INJECTED: u64 = 1 << 5;
+}
+
+/// Bits of `message_status` in the CAN region.
+pub mod can_status {
+    /// No good frame was ever received.
+    pub const NEVER: u64 = 1 << 0;
+    /// The last good frame is older than the time-out.
+    pub const TIMEOUT: u64 = 1 << 1;
+    /// The last frame's checksum, counter value or Data ID was wrong.
+    pub const CHECKSUM: u64 = 1 << 2;
+    /// The last frame repeated the counter.
+    pub const REPEATED: u64 = 1 << 3;
+    /// The last frame was out of sequence.
+    pub const SEQUENCE: u64 = 1 << 4;
+    /// Frames before the last one were lost, within what is allowed.
+    pub const SOME_LOST: u64 = 1 << 5;
+    /// A value of the last good frame was implausible.
+    pub const IMPLAUSIBLE: u64 = 1 << 6;
+    /// The last frame was too short.
+    pub const LENGTH: u64 = 1 << 7;
 }
 
 /// Bench states by the code of [`RigStatus::state`].

@@ -26,7 +26,7 @@ pub enum Command {
     Procedure(ProcedureArgs),
     /// Make the report of a run again
     Report(ReportArgs),
-    /// List what is shipped: scenarios, cars, suspensions, tyres, rigs, steering units, models
+    /// List what is shipped: scenarios, cars, suspensions, tyres, rigs, steering units, models, CAN mappings
     List(ListArgs),
     /// Check a scenario and all files it names, without running it
     Check(CheckArgs),
@@ -50,6 +50,8 @@ pub enum Command {
     Vehicle(crate::commands::vehicle::VehicleArgs),
     /// What the rig can do: tracking table, identification, response, tick rates, friction loops
     Rig(crate::commands::rig::RigArgs),
+    /// CAN: check DBC and mapping files, watch a bus, send on it, play the ECU
+    Can(crate::commands::can_args::CanArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell
@@ -241,6 +243,8 @@ pub enum ListKind {
     Units,
     /// Functional models
     Models,
+    /// CAN mappings and DBC files
+    Can,
 }
 
 /// Arguments of `check`.
@@ -279,6 +283,8 @@ pub enum SchemaSection {
     Unit,
     /// A functional model
     Model,
+    /// A CAN mapping
+    Can,
 }
 
 /// Arguments of `table`.
@@ -542,6 +548,8 @@ pub enum ServiceName {
     Vehicle,
     /// The front suspension.
     Multibody,
+    /// The CAN bus.
+    Can,
     /// The log.
     Logger,
 }

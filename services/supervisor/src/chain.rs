@@ -2,7 +2,7 @@
 
 use crate::{Observer, Outcome, Run, RunError, Watchers};
 use assembly::manifest::Drive;
-use assembly::{ServiceKind, build};
+use assembly::{ServiceKind, build, build_can};
 use regions::{Payload, RegionId};
 use runtime::lockstep::Chain;
 use runtime::{Bound, clock, region_specs};
@@ -28,8 +28,14 @@ pub(crate) fn run(
         let model = build(kind, &run.resolved).map_err(RunError::Assembly)?;
         Bound::new(model, &table, true).map_err(RunError::Tick)
     };
-    let models = vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
-    let mut chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
+    let mut models =
+        vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
+    let mut order = vec![(0, 0), (1, 0), (2, 0), (0, 1)];
+    if let Some(model) = build_can(&run.resolved, None, false).map_err(RunError::Assembly)? {
+        models.push(Bound::new(model, &table, true).map_err(RunError::Tick)?);
+        order.push((3, 0));
+    }
+    let mut chain = Chain::new(models, order);
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
     let mut plan = run.plan();
     let mut watchers = Watchers::new(&table);

@@ -27,11 +27,13 @@ struct Service {
 
 /// All services of a bench.
 pub struct Children {
+    /// [`SERVICES`], then those that only some benches have.
+    names: Vec<&'static str>,
     executable: PathBuf,
     bench: String,
     output: PathBuf,
     restart_delay_ns: Nanos,
-    services: [Service; 4],
+    services: Vec<Service>,
 }
 
 /// What watching the services found.
@@ -68,7 +70,8 @@ fn how(status: ExitStatus) -> String {
 }
 
 impl Children {
-    /// Starts all services of a bench; what they say goes to the file `output`.
+    /// Starts all services of a bench, and the `optional` ones that this bench has; what they say goes to the file
+    /// `output`.
     ///
     /// # Errors
     /// The system's, when a process cannot be started.
@@ -77,17 +80,20 @@ impl Children {
         bench: &str,
         output: &Path,
         restart_delay_ns: Nanos,
+        optional: &[&'static str],
     ) -> std::io::Result<Self> {
         let service =
             || Service { child: None, restarts: 0, died: Vec::new(), restart_at: 0, finished: false };
+        let names: Vec<&'static str> = SERVICES.iter().chain(optional).copied().collect();
         let mut children = Children {
+            services: names.iter().map(|_| service()).collect(),
+            names,
             executable,
             bench: bench.to_owned(),
             output: output.to_owned(),
             restart_delay_ns,
-            services: [service(), service(), service(), service()],
         };
-        for index in 0..SERVICES.len() {
+        for index in 0..children.names.len() {
             match children.spawn(index) {
                 Ok(child) => children.services[index].child = Some(child),
                 Err(error) => {
@@ -103,7 +109,7 @@ impl Children {
         let said = OpenOptions::new().create(true).append(true).open(&self.output)?;
         let errors = said.try_clone()?;
         Command::new(&self.executable)
-            .args(["service", SERVICES[index], "--bench", &self.bench])
+            .args(["service", self.names[index], "--bench", &self.bench])
             .stdin(Stdio::null())
             .stdout(said)
             .stderr(errors)
@@ -131,8 +137,8 @@ impl Children {
     pub fn watch(&mut self, ending: bool) -> Vec<Change> {
         let mut changes = Vec::new();
         let now = clock::now();
-        for index in 0..SERVICES.len() {
-            let name = SERVICES[index];
+        for index in 0..self.names.len() {
+            let name = self.names[index];
             let service = &mut self.services[index];
             if let Some(child) = &mut service.child
                 && let Ok(Some(status)) = child.try_wait()
@@ -172,7 +178,7 @@ impl Children {
                 && let Ok(Some(status)) = child.try_wait()
             {
                 service.child = None;
-                return Some((SERVICES[index], how(status)));
+                return Some((self.names[index], how(status)));
             }
         }
         None

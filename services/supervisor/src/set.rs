@@ -60,10 +60,17 @@ pub(crate) fn run(
 
     let executable = std::env::current_exe().map_err(|e| RunError::Io("kingpin".into(), e))?;
     let output = run.directory.join("services.txt");
-    let children = Children::start(executable, run.bench.name().as_str(), &output, run.restart_delay_ns)
-        .map_err(|e| RunError::Io(output.clone(), e))?;
+    let children = Children::start(
+        executable,
+        run.bench.name().as_str(),
+        &output,
+        run.restart_delay_ns,
+        if run.resolved.can.is_some() { &["can"] } else { &[] },
+    )
+    .map_err(|e| RunError::Io(output.clone(), e))?;
     let children = cleaner.children.insert(children);
-    wait_until_ready(&table, children, drive, &output, interrupt)?;
+    let with_can = run.resolved.can.is_some();
+    wait_until_ready(&table, children, drive, &output, interrupt, with_can)?;
     for line in said(&output).lines() {
         observer.note(line);
     }
@@ -119,6 +126,7 @@ fn wait_until_ready(
     drive: Drive,
     output: &std::path::Path,
     interrupt: &AtomicBool,
+    with_can: bool,
 ) -> Result<(), RunError> {
     let limit = clock::now() + READY_MAX_NS;
     loop {
@@ -130,6 +138,7 @@ fn wait_until_ready(
                 region.writer != "supervisor"
                     && region.layout.name != "Timing"
                     && *id != RegionId::LoggerStatus
+                    && (with_can || region.writer != "can")
             })
             .filter(|(id, _)| table.reader(*id as usize).header().writer().is_none())
             .map(|(_, region)| region.name)

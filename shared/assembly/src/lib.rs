@@ -4,9 +4,10 @@
 //! crate and writes its region. The rules for inputs that do not come are the same for vehicle and
 //! multibody ([`Guard`]); the rig's are safety's.
 
-mod driveline;
+mod can_node;
 mod car;
 pub mod closed_loop;
+mod driveline;
 mod guard;
 pub mod identification;
 mod kinematics;
@@ -17,6 +18,7 @@ pub mod service;
 mod vehicle_node;
 pub mod wheel;
 
+pub use can_node::{CanNode, CanParts, build_can, can_sources, can_targets, virtual_ecu};
 pub use car::build_car;
 pub use guard::Guard;
 pub use kinematics::axle_kinematics;

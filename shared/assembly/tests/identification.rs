@@ -29,7 +29,8 @@ fn a_machine_changed_by_a_fifth_is_found_and_its_parameters_improve_tracking() {
             let k = found.stiffness_n_m[side].unwrap().value;
             assert!((k / rod - 1.0).abs() < 0.04, "stiffness {k}, true {rod}");
             let h = &p.horizontal;
-            let speed = h.rated_flow_m3_s / h.piston_area_m2 * (h.supply_pressure_pa / h.rated_drop_pa).sqrt();
+            let speed =
+                h.rated_flow_m3_s / h.piston_area_m2 * (h.supply_pressure_pa / h.rated_drop_pa).sqrt();
             for fit in [found.horizontal[side].unwrap(), found.vertical[side].unwrap()] {
                 assert!((fit.speed_m_s / speed - 1.0).abs() < 0.05, "{fit:?}, true speed {speed}");
                 assert!((fit.valve_frequency_hz - 60.0).abs() < 9.0, "{fit:?}");

@@ -100,6 +100,12 @@ impl Inputs {
         let payload: &[P] = bytemuck::cast_slice(&input.words);
         (&payload[0], input)
     }
+
+    /// Input `index` as words, for who looks fields up by their place.
+    pub fn words(&self, index: usize) -> (&[u64], &Input) {
+        let input = &self.0[index];
+        (&input.words, input)
+    }
 }
 
 /// A model that is stepped node by node. A service is one model; the rig's has two nodes.

@@ -14,6 +14,7 @@ fn kind_of(kind: ListKind) -> Kind {
         ListKind::Rigs => Kind::Rig,
         ListKind::Units => Kind::Unit,
         ListKind::Models => Kind::Model,
+        ListKind::Can => Kind::Can,
     }
 }
 
@@ -41,6 +42,7 @@ pub fn list(args: &ListArgs) -> Exit {
         ListKind::Rigs,
         ListKind::Units,
         ListKind::Models,
+        ListKind::Can,
     ];
     let kinds = args.kind.map_or(all.to_vec(), |kind| vec![kind]);
     let mut json = serde_json::Map::new();
@@ -104,6 +106,10 @@ pub fn check(args: &CheckArgs) -> Exit {
             return Exit::BadInput;
         }
     }
+    if let Err(error) = assembly::CanParts::new(&resolved) {
+        output::note(error);
+        return Exit::BadInput;
+    }
     if args.json {
         output::json(&serde_json::json!({ "valid": true, "hash": resolved.hash() }));
     } else {
@@ -120,6 +126,7 @@ pub fn schema(args: &SchemaArgs) -> Exit {
         SchemaSection::Axle => config::schema_json::<config::axle::Axle>(),
         SchemaSection::Rig => config::schema_json::<config::rig::Rig>(),
         SchemaSection::Model => serde_json::from_str(functional_model::schema::JSON).unwrap_or_default(),
+        SchemaSection::Can => config::schema_json::<config::can::Can>(),
         SchemaSection::Unit => config::schema_json::<config::unit::SteeringUnit>(),
     });
     Exit::Done

@@ -1,5 +1,8 @@
 //! The commands, one file a group.
 
+mod can;
+pub mod can_args;
+mod can_bus;
 mod configuration;
 mod history;
 mod log;
@@ -38,6 +41,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Tyre(args) => tyre::tyre(&args),
         Command::Vehicle(args) => vehicle::vehicle(&args),
         Command::Rig(args) => rig::rig(&args),
+        Command::Can(args) => can::can(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());

@@ -45,6 +45,9 @@ pub fn run(args: &RunArgs) -> Exit {
             return refuse(args, Exit::BadInput, &error.to_string());
         }
     }
+    if let Err(error) = assembly::CanParts::new(&resolved) {
+        return refuse(args, Exit::BadInput, &error.to_string());
+    }
     let directory = match make_directory(args, &resolved) {
         Ok(directory) => directory,
         Err(error) => return refuse(args, Exit::Unavailable, &error),

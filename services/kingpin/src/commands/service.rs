@@ -19,6 +19,7 @@ pub fn service(args: &ServiceArgs) -> Exit {
         ServiceName::Rig => rig_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Vehicle => vehicle_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Multibody => multibody_service::run(&bench, note).map_err(|e| e.to_string()),
+        ServiceName::Can => can_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Logger => logger::serve(&bench, note).map(drop).map_err(|e| e.to_string()),
     };
     match done {

@@ -354,7 +354,8 @@ fn too_stiff_a_machine_is_refused_by_name() {
 fn two_universal_joints_cancel_and_one_alone_turns_unevenly_without_losing_power() {
     use config::unit::UniversalJoints;
     use rig_plant::unit::uneven;
-    let straight = UniversalJoints { upper_angle_rad: 0.5, lower_angle_rad: 0.5, phase_rad: 0.0, yoke_rad: 0.3 };
+    let straight =
+        UniversalJoints { upper_angle_rad: 0.5, lower_angle_rad: 0.5, phase_rad: 0.0, yoke_rad: 0.3 };
     let single = UniversalJoints { lower_angle_rad: 0.0, ..straight };
     let (mut low, mut high) = (f64::MAX, 0.0_f64);
     for i in -720..=720 {
@@ -364,7 +365,8 @@ fn two_universal_joints_cancel_and_one_alone_turns_unevenly_without_losing_power
         let (out, slope) = uneven(&single, angle);
         assert!((out - angle).abs() < 0.2, "no jump over any turn");
         let step = 1e-6;
-        let by_difference = (uneven(&single, angle + step).0 - uneven(&single, angle - step).0) / (2.0 * step);
+        let by_difference =
+            (uneven(&single, angle + step).0 - uneven(&single, angle - step).0) / (2.0 * step);
         assert!((slope - by_difference).abs() < 1e-8, "virtual work: torque ratio is the slope");
         (low, high) = (low.min(slope), high.max(slope));
     }
