@@ -4,7 +4,7 @@
 #![allow(clippy::print_stdout)]
 
 fn main() {
-    for directory in ["cars", "suspensions", "tyres", "units", "scenarios", "rigs", "models"] {
+    for directory in ["cars", "suspensions", "tyres", "units", "scenarios", "rigs", "models", "campaigns"] {
         println!("cargo:rerun-if-changed=../{directory}");
     }
 }

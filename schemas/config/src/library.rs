@@ -1,4 +1,4 @@
-//! The reference files that the executable carries: cars, suspensions, tyres, units, rigs, scenarios, models.
+//! The reference files that the executable carries: cars, suspensions, tyres, units, rigs, scenarios, models, campaigns.
 
 use crate::validate::closest;
 use include_dir::{Dir, include_dir};
@@ -11,6 +11,7 @@ static TYRES: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../tyres");
 static UNITS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../units");
 static SCENARIOS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../scenarios");
 static RIGS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../rigs");
+static CAMPAIGNS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../campaigns");
 static MODELS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../models");
 
 /// Kinds of shipped files; each has its directory.
@@ -31,12 +32,22 @@ pub enum Kind {
     Rig,
     /// Functional models.
     Model,
+    /// Fault campaigns.
+    Campaign,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 7] =
-        [Self::Scenario, Self::Car, Self::Suspension, Self::Tyre, Self::Unit, Self::Rig, Self::Model];
+    pub const ALL: [Self; 8] = [
+        Self::Scenario,
+        Self::Car,
+        Self::Suspension,
+        Self::Tyre,
+        Self::Unit,
+        Self::Rig,
+        Self::Model,
+        Self::Campaign,
+    ];
 
     /// Directory of the kind in the library.
     pub fn directory(self) -> &'static str {
@@ -48,6 +59,7 @@ impl Kind {
             Self::Unit => "units",
             Self::Rig => "rigs",
             Self::Model => "models",
+            Self::Campaign => "campaigns",
         }
     }
 
@@ -60,6 +72,7 @@ impl Kind {
             Self::Unit => &UNITS,
             Self::Rig => &RIGS,
             Self::Model => &MODELS,
+            Self::Campaign => &CAMPAIGNS,
         }
     }
 }

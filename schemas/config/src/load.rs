@@ -35,6 +35,10 @@ impl Section for crate::scenario::Scenario {
     const KIND: Kind = Kind::Scenario;
 }
 
+impl Section for crate::campaign::Campaign {
+    const KIND: Kind = Kind::Campaign;
+}
+
 impl Section for crate::car::Car {
     const KIND: Kind = Kind::Car;
 }
@@ -461,6 +465,7 @@ pub fn all_schemas() -> Vec<(Kind, serde_json::Value)> {
         (Kind::Suspension, schema_json::<crate::axle::Axle>()),
         (Kind::Rig, schema_json::<crate::rig::Rig>()),
         (Kind::Unit, schema_json::<crate::unit::SteeringUnit>()),
+        (Kind::Campaign, schema_json::<crate::campaign::Campaign>()),
     ]
 }
 

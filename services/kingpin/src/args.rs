@@ -42,6 +42,12 @@ pub enum Command {
     Compare(CompareArgs),
     /// Solve a suspension on its own: poses, joint and tie-rod forces, curves, methods compared
     Suspension(SuspensionArgs),
+    /// Run a fault campaign: kill, stop, stall, spoil, and check what the bench makes of it
+    Fault(FaultArgs),
+    /// Take over a running bench whose supervisor died
+    Attach(AttachArgs),
+    /// Save the last four seconds out of the table of a crashed (or running) bench
+    Blackbox(BlackboxArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell
@@ -89,6 +95,108 @@ pub struct RunArgs {
     /// Wait before a dead service is started again, for fault runs [s]
     #[arg(long, default_value_t = 0.0, value_name = "S")]
     pub restart_delay: f64,
+    /// Acknowledge, arm and start again by itself after the rig was restarted or tripped: for unattended runs of
+    /// the virtual rig
+    #[arg(long)]
+    pub rearm: bool,
+    /// Let the services obey the orders of a fault campaign
+    #[arg(long, hide = true)]
+    pub faults: bool,
+}
+
+/// Arguments of `fault`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = FAULT_HELP)]
+pub struct FaultArgs {
+    /// A shipped campaign (see `kingpin list campaigns`) or a TOML file
+    pub campaign: String,
+    /// Replace a value of the campaign: `seed=7`, `faults_per_run=10`; may be repeated
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub set: Vec<String>,
+    /// Directory for results and logs [default: runs/<campaign>-<date>-<time>]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the bench
+    #[arg(long, default_value = "fault", value_name = "NAME")]
+    pub name: String,
+    /// Keep the logs of runs in which all was as expected, too
+    #[arg(long)]
+    pub keep: bool,
+    /// Print the result as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `fault --help` adds.
+const FAULT_HELP: &str = "\
+Each fault is made in undisturbed running, when and where the seed says, and judged by the log of the run and by an
+observer of its own who reads the table:
+
+  kill, torn_write   the rig holds no later than one output phase behind its staleness limit, counted in output
+                     phases that it executed itself; the force fades as the rig file says, steer torque off, heights
+                     frozen; the service is there again and the loop runs; vehicle and multibody states equal, bit
+                     for bit, those of a model that never died and had the same inputs; no torn slot is ever read.
+                     Rig: comes up off or idle at zero force and starts only when asked. Supervisor: attach takes
+                     over, nothing else happens. Logger: no tick is missing in the log.
+  stop, stall, late  as kill, if longer than the limit; else nothing but counts; every missed tick is stepped
+  corrupt            no nonsense is used: refused, held, and stale when it lasts
+  sensor             trips with a sensor's code, or is within tolerance (said); runs again when acknowledged
+  disk_full          the loop runs on; what is lost is counted, what is logged is readable
+  clock_step         nothing: time is monotonic; all files of the log keep one clock origin
+
+A fault during which the host itself stalled the rig for more ticks than the limit says nothing about the bench: it is
+counted as `host stalled`, not as passed, and made again. Exit code 1 if any fault had another reaction than expected.
+
+Results in the directory: faults.json, faults.html (force, state, staleness around the faults), logs of failed runs.
+
+Examples:
+  kingpin fault kills_30
+  kingpin fault kills_1000 --json
+  kingpin fault lockstep_mix --set seed=7 --keep";
+
+/// Arguments of `attach`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = "\
+A bench runs on when its supervisor dies: the rig, the models and the logger are processes of their own. For ten
+seconds nothing changes; then the rig stops softly by itself and the others end. `attach` within that time takes the
+bench's lock, adopts the services, restarts those that have died meanwhile, and sees the run to its planned end with
+summary and report, as `run` would have.
+
+Example:
+  kingpin attach bench                              the default name of `kingpin run`")]
+pub struct AttachArgs {
+    /// Name of the bench
+    pub name: String,
+    /// Print the summary as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Do not write report.html
+    #[arg(long)]
+    pub no_report: bool,
+    /// As in `run`
+    #[arg(long)]
+    pub rearm: bool,
+}
+
+/// Arguments of `blackbox`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = "\
+Every region of the table keeps at least four seconds. After a crash of everything they are still in shared memory,
+until the next run of the same name, or `kingpin clean`, removes them; both save them first. The log that is written
+is like any other: `kingpin report`, `export` and `compare` read it.
+
+Example:
+  kingpin blackbox --name bench -o crash.mcap && kingpin report crash.mcap")]
+pub struct BlackboxArgs {
+    /// Name of the bench [default: the only one there is]
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Where to write it [default: blackbox.mcap beside the run's log]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Print what was saved as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Where lockstep runs.
@@ -231,6 +339,8 @@ pub enum ListKind {
     Rigs,
     /// Steering units
     Units,
+    /// Fault campaigns
+    Campaigns,
 }
 
 /// Arguments of `check`.
@@ -267,6 +377,8 @@ pub enum SchemaSection {
     Rig,
     /// A steering unit
     Unit,
+    /// A fault campaign
+    Campaign,
 }
 
 /// Arguments of `table`.
@@ -508,6 +620,9 @@ pub struct CleanArgs {
     /// Only this bench [default: every bench that nobody runs]
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
+    /// Do not save the last seconds of what is removed
+    #[arg(long)]
+    pub discard: bool,
 }
 
 /// Arguments of `service`.
@@ -532,4 +647,6 @@ pub enum ServiceName {
     Multibody,
     /// The log.
     Logger,
+    /// Attaches and ends: what a restart costs at least.
+    Probe,
 }

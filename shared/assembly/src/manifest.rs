@@ -31,6 +31,8 @@ pub struct Manifest {
     pub wall_start_ns: u64,
     /// Monotonic clock at the same instant. [ns]
     pub monotonic_start_ns: u64,
+    /// Whether the services obey the orders of a fault campaign.
+    pub faults: bool,
     /// Versions for the log's header.
     pub versions: BTreeMap<String, String>,
     /// Resolved configuration.

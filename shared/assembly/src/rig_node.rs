@@ -9,8 +9,8 @@ use config::rig::Rig;
 use config::{Broken, ResolvedBench};
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{
-    Bench, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
-    rig_flags,
+    Bench, Fault, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState,
+    fault_kind, model_flags, rig_flags,
 };
 use rig_control::{ControlDiagnostics, RigCommand, RigController, SteerCommand, SteerPreview};
 use rig_plant::{Actuation, Measurement, RigEnvironment, VirtualRig};
@@ -67,6 +67,8 @@ pub struct RigNode {
     requests_seen: u64,
     request_pending: OperatorRequest,
     no_supervisor: bool,
+    /// Orders of a fault campaign to the sensors, with the reading that a stuck one holds.
+    sensor_faults: [Option<(Fault, f64)>; 4],
     status: RigStatus,
 }
 
@@ -160,6 +162,7 @@ impl RigNode {
             requests_seen: 0,
             request_pending: OperatorRequest::SwitchOn,
             no_supervisor: false,
+            sensor_faults: [None; 4],
             status,
         })
     }
@@ -177,12 +180,35 @@ impl RigNode {
         }
     }
 
+    /// What a campaign's orders make of the readings of tick `n`.
+    fn spoil_sensors(&mut self, n: u64) {
+        for slot in &mut self.sensor_faults {
+            let Some((order, held)) = slot else { continue };
+            if n >= order.end_tick {
+                *slot = None;
+                continue;
+            }
+            let mut readings = self.measurement.channels();
+            let channel = order.value[0] as usize;
+            let Some(reading) = readings.get_mut(channel).filter(|_| n >= order.from_tick) else { continue };
+            let mut validity = self.measurement.validity;
+            match order.value[1] as u64 {
+                0 => validity &= !(1 << channel),
+                1 if held.is_nan() => *held = *reading,
+                1 => *reading = *held,
+                _ => *reading += order.value[2],
+            }
+            self.measurement = Measurement::from_channels(&readings, validity);
+        }
+    }
+
     fn sample(&mut self, step: &Step, output: &mut [u64]) {
         let first = !std::mem::replace(&mut self.started, true);
         // A rig that was started again has a plant that was started again: at rest, and off.
         self.missed = if first { 0 } else { step.skipped };
         self.pass(self.missed);
         self.plant.sample(&mut self.measurement);
+        self.spoil_sensors(step.n);
         let m = &self.measurement;
         let mut region = RigMeasurement::absent();
         region.tick = step.n;
@@ -346,6 +372,14 @@ impl RigNode {
 impl Model for RigNode {
     fn nodes(&self) -> &'static [NodeSpec] {
         NODES
+    }
+
+    fn fault(&mut self, order: &Fault) {
+        if order.kind == fault_kind::SENSOR
+            && let Some(free) = self.sensor_faults.iter_mut().find(|slot| slot.is_none())
+        {
+            *free = Some((*order, f64::NAN));
+        }
     }
 
     fn step(&mut self, node: usize, step: &Step, inputs: &Inputs, output: &mut [u64]) {

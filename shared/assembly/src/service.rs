@@ -8,7 +8,7 @@ use regions::{Bench as BenchRegion, NO_TICK, Payload, RegionId};
 use runtime::clock::{self, Grid, Nanos, SECOND};
 use runtime::lockstep::Patience;
 use runtime::realtime::Wish;
-use runtime::{Bound, Model, TickError, lockstep, paced, realtime, region_specs};
+use runtime::{Bound, Hooks, Model, TickError, lockstep, paced, realtime, region_specs};
 use table::{Bench, OpenOptions, RegionReader, Table, TableError};
 
 /// How long a service waits for the supervisor to start the run. [ns]
@@ -131,6 +131,9 @@ pub fn serve(kind: ServiceKind, bench: &Bench, mut note: impl FnMut(&str)) -> Re
     }
     let t0 = wait_for_start(&table).map_err(ServiceError::Tick)?;
     let restored = bound.restore(&table);
+    if manifest.faults {
+        bound.set_hooks(Hooks::new(&table, kind as u64));
+    }
     let mut watch = EndWatch::new(&table, scenario.timing.period_s());
     let end = |n: u64| watch.ended(n, manifest.drive);
     let grid = Grid { t0, period: scenario.timing.period_ns() };

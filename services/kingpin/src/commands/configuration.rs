@@ -13,6 +13,7 @@ fn kind_of(kind: ListKind) -> Kind {
         ListKind::Tyres => Kind::Tyre,
         ListKind::Rigs => Kind::Rig,
         ListKind::Units => Kind::Unit,
+        ListKind::Campaigns => Kind::Campaign,
     }
 }
 
@@ -39,6 +40,7 @@ pub fn list(args: &ListArgs) -> Exit {
         ListKind::Tyres,
         ListKind::Rigs,
         ListKind::Units,
+        ListKind::Campaigns,
     ];
     let kinds = args.kind.map_or(all.to_vec(), |kind| vec![kind]);
     let mut json = serde_json::Map::new();
@@ -112,6 +114,7 @@ pub fn schema(args: &SchemaArgs) -> Exit {
         SchemaSection::Car => config::schema_json::<config::car::Car>(),
         SchemaSection::Axle => config::schema_json::<config::axle::Axle>(),
         SchemaSection::Rig => config::schema_json::<config::rig::Rig>(),
+        SchemaSection::Campaign => config::schema_json::<config::campaign::Campaign>(),
         SchemaSection::Unit => config::schema_json::<config::unit::SteeringUnit>(),
     });
     Exit::Done

@@ -1,6 +1,8 @@
 //! The commands, one file a group.
 
+mod blackbox;
 mod configuration;
+mod fault;
 mod log;
 mod procedure;
 mod run;
@@ -27,7 +29,10 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Compare(args) => log::compare(&args),
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
-        Command::Clean(args) => table::clean(&args),
+        Command::Fault(args) => fault::fault(&args),
+        Command::Attach(args) => run::attach(&args),
+        Command::Blackbox(args) => blackbox::blackbox(&args),
+        Command::Clean(args) => blackbox::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());
             Exit::Done
