@@ -148,7 +148,8 @@ pub fn save(bench: &Bench, path: Option<&Path>) -> Result<Saved, BlackboxError> 
 }
 
 fn free_path(directory: &Path) -> PathBuf {
-    let name = |index: u32| if index == 0 { "blackbox.mcap".into() } else { format!("blackbox.{index}.mcap") };
+    let name =
+        |index: u32| if index == 0 { "blackbox.mcap".into() } else { format!("blackbox.{index}.mcap") };
     let free = (0..u32::MAX).map(|index| directory.join(name(index))).find(|p| p.symlink_metadata().is_err());
     free.unwrap_or_else(|| directory.join("blackbox.mcap"))
 }

@@ -88,6 +88,8 @@ pub fn serve(bench: &Bench, mut note: impl FnMut(&str)) -> Result<Finished, Logg
     let manifest =
         Manifest::read(&bench.directory()).map_err(|e| LoggerError::Service(ServiceError::Manifest(e)))?;
     let table = open_table(bench, &manifest).map_err(|e| LoggerError::Service(ServiceError::Table(e)))?;
+    // The supervisor's priority, inherited, is for getting started only.
+    realtime::relax();
     let core = manifest.resolved.scenario.realtime.cores.logger.map(usize::from);
     for line in realtime::apply(&Wish { core, priority: None, lock_memory: false }) {
         note(&line);

@@ -379,7 +379,8 @@ mod tests {
             let age = if i % 7 == 6 { 2 * SECOND } else { 0 };
             assert!(service.book(i * 2 * SECOND, age).is_some(), "death {i}");
         }
-        let many = (0..60).map(|i| service.book(1000 * SECOND + i, 2 * SECOND)).filter(Option::is_none).count();
+        let many =
+            (0..60).map(|i| service.book(1000 * SECOND + i, 2 * SECOND)).filter(Option::is_none).count();
         assert_eq!(many, 1, "sixty within a minute are too many even so");
     }
 }

@@ -168,7 +168,9 @@ impl std::fmt::Display for RunError {
                 "the bench lost its supervisor but still runs (process {pid} writes {region}): take it over with \
                  `kingpin attach`, or wait until it has stopped by itself"
             ),
-            RunError::NothingToAttach { bench, why } => write!(f, "bench {bench} cannot be taken over: {why}"),
+            RunError::NothingToAttach { bench, why } => {
+                write!(f, "bench {bench} cannot be taken over: {why}")
+            }
             RunError::Tick(e) => write!(f, "{e}"),
             RunError::Service(e) => write!(f, "{e}"),
         }

@@ -6,6 +6,7 @@ use crate::{Attach, Children, Observer, Operator, Outcome, Run, RunError, Watche
 use assembly::manifest::{Drive, Manifest};
 use regions::{ALL, Bench as BenchRegion, Payload, RegionId, Timing};
 use runtime::clock::{self, Grid, Nanos, SECOND};
+use runtime::realtime::{self, Wish};
 use runtime::region_specs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use table::{BenchLock, CreateOptions, RegionWriter, Table, TableInfo};
@@ -16,6 +17,8 @@ const READY_MAX_NS: Nanos = 60 * SECOND;
 const START_IN_NS: Nanos = 50_000_000;
 /// Longest time between two looks of the supervisor; a death wakes it at once. [ns]
 const LOOK_NS: Nanos = 5_000_000;
+/// How far the supervisor's priority is below the rig's.
+const BELOW_SERVICES: i32 = 10;
 /// Longest wait for the services to end, behind the end of the run. [ns]
 const END_MAX_NS: Nanos = 10 * SECOND;
 
@@ -27,6 +30,7 @@ struct Cleaner<'a> {
 
 impl Drop for Cleaner<'_> {
     fn drop(&mut self) {
+        realtime::relax();
         if let Some(children) = &mut self.children {
             children.kill();
         }
@@ -56,6 +60,9 @@ pub(crate) fn run(
     manifest.write(&run.bench.directory()).map_err(RunError::Manifest)?;
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
 
+    if drive == Drive::Paced {
+        raise(run);
+    }
     let executable = std::env::current_exe().map_err(|e| RunError::Io("kingpin".into(), e))?;
     let output = run.directory.join("services.txt");
     let children = Children::start(executable, run.bench.name().as_str(), &output, run.restart_delay_ns)
@@ -86,6 +93,15 @@ pub(crate) fn run(
     };
     let outcome = (interrupted, given_up, begin);
     Ok(end(children, &mut watchers, observer, period_s, outcome))
+}
+
+/// Below the services, so that it never delays them, but above everything else: a dead service is to be there again
+/// soon on a busy host too. Processes inherit it; services then take their own priority, the logger none.
+fn raise(run: &Run) {
+    let wanted = run.resolved.scenario.realtime.priority;
+    let priority = wanted.map(|p| (i32::from(p) - BELOW_SERVICES).max(1));
+    // What the host refuses the services say themselves.
+    let _ = realtime::apply(&Wish { priority, ..Wish::default() });
 }
 
 /// Removes what a crashed run left, after its last seconds are saved beside its log.
@@ -121,13 +137,9 @@ pub(crate) fn attach(
     let period_s = scenario.timing.period_s();
     let table = Table::adopt(&lock, &region_specs(period_s)).map_err(RunError::Table)?;
     let t0 = table.info().map_or(0, |info| info.t0_ns);
-    let running = [
-        RegionId::RigMeasurement,
-        RegionId::VehicleState,
-        RegionId::SuspensionState,
-        RegionId::LoggerStatus,
-    ]
-    .map(|id| table.reader(id as usize).header().writer().filter(|&w| table::is_alive(w)));
+    let running =
+        [RegionId::RigMeasurement, RegionId::VehicleState, RegionId::SuspensionState, RegionId::LoggerStatus]
+            .map(|id| table.reader(id as usize).header().writer().filter(|&w| table::is_alive(w)));
     if t0 == 0 || running.iter().all(Option::is_none) {
         return Err(no_run(format!(
             "none of its services runs any more; `kingpin blackbox --name {0}` saves its last seconds, \
@@ -139,6 +151,7 @@ pub(crate) fn attach(
     let mut last = BenchRegion::absent();
     let spoken = bench.reader().latest(bench.head(), last.words_mut());
     let run = Run::of_manifest(attach, &manifest);
+    raise(&run);
     let grid = Grid { t0, period: scenario.timing.period_ns() };
     let mut operator = Operator::new(run.plan(), period_s, attach.rearm);
     if spoken.is_some() {

@@ -39,6 +39,10 @@ const SUPERVISOR_MAX_S: f64 = 10.0;
 const WATCHDOG_S: f64 = 0.02;
 /// A stall is made up for in the virtual plant by at most this. [s]
 const STALL_MAX_S: f64 = 2.0;
+/// No steering angle, rate or speed of a car is that large. [rad], [rad/s], [m/s]
+const IMPLAUSIBLE: f64 = 1e3;
+/// No tie rod carries that much. [N]
+const IMPLAUSIBLE_N: f64 = 1e6;
 /// Corner of the rack-speed observer. [Hz]
 const RACK_SPEED_HZ: f64 = 30.0;
 
@@ -267,9 +271,16 @@ impl RigNode {
         }
 
         let unfit = model_flags::STALE | model_flags::HELD_POSE | model_flags::MODEL_FAULT;
-        let finite =
-            suspension.tie_rod_force_n.iter().chain(&suspension.ball_height_m).all(|v| v.is_finite());
-        let fresh = input.fresh() && car_input.fresh() && finite && suspension.flags & unfit == 0;
+        // Nonsense is no command; what is merely too much, safety clamps or trips on.
+        let finite = suspension.tie_rod_force_n.iter().all(|f| f.abs() < IMPLAUSIBLE_N)
+            && suspension
+                .ball_height_m
+                .iter()
+                .chain(&suspension.ball_height_speed_m_s)
+                .all(|v| v.abs() < IMPLAUSIBLE);
+        let steer = [car.steering_wheel_angle_command_rad, car.steering_wheel_rate_command_rad_s];
+        let sane = steer.iter().chain(&car.velocity_m_s).all(|v| v.abs() < IMPLAUSIBLE);
+        let fresh = input.fresh() && car_input.fresh() && finite && sane && suspension.flags & unfit == 0;
         if fresh {
             self.stale = 0;
             self.used = [input.tick(), car_input.tick(), self.used[2]];

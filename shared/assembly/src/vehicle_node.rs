@@ -1,7 +1,8 @@
 //! The vehicle node: rack in, car out, and what the manoeuvre asks of the hand wheel.
 
 use crate::guard::{Guard, Verdict};
-use crate::{AssemblyError, axle_kinematics, road};
+use crate::kinematics::axle_kinematics_in;
+use crate::{AssemblyError, road};
 use config::ResolvedBench;
 use config::road::Road;
 use config::scenario::{Gear, Steer};
@@ -9,6 +10,7 @@ use manoeuvre::path::{Observed, PathDriver};
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{NO_TICK, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
+use std::path::Path;
 use tyre::Tyre;
 use vehicle::{AxleKinematics, GearMode, Vehicle, VehicleInput, VehicleOutput, WHEELS};
 
@@ -46,12 +48,12 @@ impl VehicleNode {
     ///
     /// # Errors
     /// Everything that is wrong with them.
-    pub fn new(resolved: &ResolvedBench) -> Result<Self, AssemblyError> {
+    pub fn new(resolved: &ResolvedBench, kept: Option<&Path>) -> Result<Self, AssemblyError> {
         let scenario = &resolved.scenario;
         let period_s = scenario.timing.period_s();
         let manoeuvre = Manoeuvre::new(scenario, resolved.record.as_ref())
             .map_err(|fault| AssemblyError::new("scenario", [fault]))?;
-        let vehicle = build_vehicle(resolved, period_s)?;
+        let vehicle = build_vehicle(resolved, period_s, kept)?;
         let driver = match &scenario.steer {
             Steer::Path(following) => Some(PathDriver::new(following)),
             _ => None,
@@ -107,7 +109,11 @@ impl VehicleNode {
 }
 
 /// The car of a resolved bench, at rest at its static equilibrium.
-pub(crate) fn build_vehicle(resolved: &ResolvedBench, period_s: f64) -> Result<Vehicle, AssemblyError> {
+pub(crate) fn build_vehicle(
+    resolved: &ResolvedBench,
+    period_s: f64,
+    kept: Option<&Path>,
+) -> Result<Vehicle, AssemblyError> {
     let car = &resolved.car;
     let parse = |index: usize| match resolved.tyres.get(index).or(resolved.tyres.first()) {
         Some(file) => {
@@ -116,10 +122,12 @@ pub(crate) fn build_vehicle(resolved: &ResolvedBench, period_s: f64) -> Result<V
         None => Err(AssemblyError::new("car", ["no tyre file is named"])),
     };
     let (front_tyre, rear_tyre) = (parse(0)?, parse(1)?);
-    let front = axle_kinematics(&resolved.front_axle, resolved.front_axle.rack_stroke_m)
+    let front = axle_kinematics_in(&resolved.front_axle, resolved.front_axle.rack_stroke_m, kept)
         .map_err(|faults| AssemblyError::new("front axle", faults))?;
     let rear = match (&resolved.rear_axle, &car.rear.kinematics) {
-        (Some(axle), _) => axle_kinematics(axle, 0.0).map_err(|f| AssemblyError::new("rear axle", f))?,
+        (Some(axle), _) => {
+            axle_kinematics_in(axle, 0.0, kept).map_err(|f| AssemblyError::new("rear axle", f))?
+        }
         (None, Some(ideal)) => AxleKinematics::ideal(ideal, &car.rear, car.body.wheelbase_m, 0.0)
             .map_err(|fault| AssemblyError::new("rear axle", [fault]))?,
         (None, None) => return Err(AssemblyError::new("car", ["rear: needs axle_file or kinematics"])),

@@ -10,6 +10,7 @@ mod figures;
 mod html;
 mod overlay;
 mod procedure;
+mod page;
 mod published;
 mod run;
 mod summary;
@@ -21,6 +22,7 @@ pub use overlay::{Overlay, OverlayResult};
 pub use procedure::{
     Entry, Procedure, angle_per_rack, assess, assessment_json, assessment_text, procedure_html, signals,
 };
+pub use page::{Curve, Plot, Rows, page_html};
 pub use published::{PUBLISHED_TRACKING, PublishedTracking, published_for};
 pub use summary::{
     LogSummary, LoopFigures, Peaks, RunSummary, ServiceTiming, SolverSummary, Span, TrackingFigures, Trip,

@@ -89,7 +89,8 @@ impl Hooks {
         slot.take().map(|order| order.value[0])
     }
 
-    /// Spoils what is about to be published for tick `n`, all but its tick.
+    /// Spoils what is about to be published for tick `n`, all but its tick and the ticks of the inputs used: those are for
+    /// stepping it again from the log.
     pub fn corrupt(&self, n: u64, layout: &Layout, words: &mut [u64]) {
         let Some(order) = self.now(fault_kind::CORRUPT, n) else { return };
         let mut state = (order.value[1].to_bits()).wrapping_add(n.wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -102,7 +103,7 @@ impl Hooks {
         let mut word = 0;
         for field in layout.fields {
             for _ in 0..field.len {
-                if word > 0 {
+                if word > 0 && !field.name.starts_with("used_") {
                     match order.value[0] as u64 {
                         0 if field.kind == Kind::F64 => words[word] = f64::NAN.to_bits(),
                         1 if field.kind == Kind::F64 => words[word] = 1e30_f64.to_bits(),

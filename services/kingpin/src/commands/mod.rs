@@ -1,7 +1,9 @@
 //! The commands, one file a group.
 
+mod bench;
 mod blackbox;
 mod configuration;
+mod doctor;
 mod fault;
 mod log;
 mod procedure;
@@ -29,6 +31,8 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Compare(args) => log::compare(&args),
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
+        Command::Bench(args) => bench::bench(&args),
+        Command::Doctor(args) => doctor::doctor(&args),
         Command::Fault(args) => fault::fault(&args),
         Command::Attach(args) => run::attach(&args),
         Command::Blackbox(args) => blackbox::blackbox(&args),

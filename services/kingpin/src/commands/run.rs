@@ -94,15 +94,13 @@ pub fn attach(args: &AttachArgs) -> Exit {
     let outcome = supervisor::attach(&attach, &interrupt, &mut view);
     view.bar.finish_and_clear();
     match outcome {
-        Ok((run, outcome)) => {
-            finish(Ending { json: args.json, report: !args.no_report }, &run, &outcome)
-        }
+        Ok((run, outcome)) => finish(Ending { json: args.json, report: !args.no_report }, &run, &outcome),
         Err(error) => say(args.json, exit_of(&error), &error.to_string()),
     }
 }
 
 /// A flag that Ctrl-C and SIGTERM set.
-fn interruptible() -> Arc<AtomicBool> {
+pub fn interruptible() -> Arc<AtomicBool> {
     let interrupt = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         // A second Ctrl-C kills at once, as people expect.
@@ -249,7 +247,7 @@ fn make_directory(args: &RunArgs, resolved: &ResolvedBench) -> Result<Directory,
 }
 
 /// UTC date and time of Unix seconds, `YYYYMMDD-HHMMSS` (proleptic Gregorian calendar).
-fn timestamp(seconds: u64) -> String {
+pub fn timestamp(seconds: u64) -> String {
     let (days, rest) = (seconds / 86400, seconds % 86400);
     // Days since 0000-03-01 in cycles of 400 years.
     let z = days + 719_468;
@@ -264,7 +262,7 @@ fn timestamp(seconds: u64) -> String {
     format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", rest / 3600, rest / 60 % 60, rest % 60)
 }
 
-fn versions() -> BTreeMap<String, String> {
+pub fn versions() -> BTreeMap<String, String> {
     let kernel = rustix::system::uname();
     BTreeMap::from([
         ("kingpin".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),

@@ -14,12 +14,16 @@ pub fn service(args: &ServiceArgs) -> Exit {
             return Exit::BadInput;
         }
     };
+    if matches!(args.service, ServiceName::Probe | ServiceName::Load) {
+        runtime::realtime::relax();
+    }
     let note = |line: &str| output::note(line);
     let done = match args.service {
         ServiceName::Rig => rig_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Vehicle => vehicle_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Multibody => multibody_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Probe => probe(&bench),
+        ServiceName::Load => super::bench::load::load(),
         ServiceName::Logger => logger::serve(&bench, note).map(drop).map_err(|e| e.to_string()),
     };
     match done {

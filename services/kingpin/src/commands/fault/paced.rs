@@ -35,7 +35,7 @@ struct Victim<'a> {
     executable: PathBuf,
     supervisor: Child,
     table: Table,
-    orders: RegionWriter,
+    orders: Option<RegionWriter>,
     grid: Grid,
     pids: BTreeSet<u32>,
 }
@@ -54,7 +54,8 @@ pub fn round(
     interrupt: &AtomicBool,
     mut progress: impl FnMut(&Made),
 ) -> Round {
-    let mut round = Round { directory: directory.to_owned(), made: Vec::new(), seen: None, faults: Vec::new() };
+    let mut round =
+        Round { directory: directory.to_owned(), made: Vec::new(), seen: None, faults: Vec::new() };
     let mut victim = match start(campaign, resolved, bench, directory) {
         Ok(victim) => victim,
         Err(why) => {
@@ -162,6 +163,7 @@ fn start<'a>(
     let orders = table
         .claim_writer(RegionId::Faults as usize)
         .map_err(|e| fail(&mut supervisor, format!("region faults: {e}")))?;
+    let orders = Some(orders);
     let grid = Grid { t0, period: resolved.scenario.timing.period_ns() };
     let pids = BTreeSet::new();
     let directory = directory.to_owned();
@@ -280,11 +282,12 @@ impl Victim<'_> {
         if let Some((kind, ticks, value)) = order(&injection, timing.period_s(), timing.output_phase) {
             // Far enough ahead that it is there in time.
             let from = n + 20;
-            let number = self.orders.head();
+            let number = self.orders.as_ref().map_or(0, RegionWriter::head);
             let target = if kind == fault_kind::CAN { 4 } else { number_of(target) };
-            let order =
-                Fault { tick: number, target, kind, from_tick: from, end_tick: from + ticks, value };
-            let _ = self.orders.write(number, order.words());
+            let order = Fault { tick: number, target, kind, from_tick: from, end_tick: from + ticks, value };
+            if let Some(orders) = &mut self.orders {
+                let _ = orders.write(number, order.words());
+            }
             (made.tick, made.at_ns) = (from, from * self.grid.period);
             clock::sleep_until(self.grid.at(from, 0.0), 0);
             if kind != fault_kind::TORN_WRITE {
@@ -377,6 +380,8 @@ impl Victim<'_> {
         for target in [Target::Rig, Target::Vehicle, Target::Multibody, Target::Logger, Target::Supervisor] {
             self.writer(target);
         }
+        // A region that somebody writes is not removed.
+        self.orders = None;
         signal(self.supervisor.id(), Signal::INT);
         let limit = clock::now() + PATIENCE_NS;
         loop {
@@ -398,7 +403,6 @@ impl Victim<'_> {
             }
         }
         reap();
-        drop(self.orders);
         drop(self.table);
         if let Ok(left) = table::list_bench(self.bench)
             && !left.is_empty()
