@@ -9,8 +9,8 @@ mod figure;
 mod figures;
 mod html;
 mod overlay;
-mod procedure;
 mod page;
+mod procedure;
 mod published;
 mod run;
 mod summary;
@@ -19,10 +19,10 @@ mod verdict;
 
 pub use html::{ReportOptions, plotly_js, report_html};
 pub use overlay::{Overlay, OverlayResult};
+pub use page::{Curve, Plot, Rows, page_html};
 pub use procedure::{
     Entry, Procedure, angle_per_rack, assess, assessment_json, assessment_text, procedure_html, signals,
 };
-pub use page::{Curve, Plot, Rows, page_html};
 pub use published::{PUBLISHED_TRACKING, PublishedTracking, published_for};
 pub use summary::{
     LogSummary, LoopFigures, Peaks, RunSummary, ServiceTiming, SolverSummary, Span, TrackingFigures, Trip,
