@@ -82,7 +82,18 @@ impl VehicleNode {
             last,
         };
         let input = node.input(0.0);
-        node.vehicle.reset(node.manoeuvre.initial_speed_m_s(), &input);
+        // Settling takes a thousand steps: a restarted service finds the state there.
+        let settled = kept.map(|kept| kept.join(settled_name(resolved)));
+        let mut state = vec![0.0; node.vehicle.state_len()];
+        if settled.as_ref().is_some_and(|file| read_state(file, &mut state)) {
+            node.vehicle.load_state(&state);
+        } else {
+            node.vehicle.reset(node.manoeuvre.initial_speed_m_s(), &input);
+            if let Some(file) = settled {
+                node.vehicle.save_state(&mut state);
+                write_state(&file, &state);
+            }
+        }
         fill(&mut node.last, node.vehicle.output());
         Ok(node)
     }
@@ -106,6 +117,30 @@ impl VehicleNode {
             time_s,
         }
     }
+}
+
+/// Name of the file for the settled state of a car: of everything that it depends on.
+fn settled_name(resolved: &ResolvedBench) -> String {
+    format!("{}settled-{}.f64", crate::kinematics::CACHE_PREFIX, resolved.hash())
+}
+
+fn read_state(file: &Path, state: &mut [f64]) -> bool {
+    let Ok(bytes) = std::fs::read(file) else { return false };
+    let (words, rest) = bytes.as_chunks::<8>();
+    if words.len() != state.len() || !rest.is_empty() {
+        return false;
+    }
+    for (value, word) in state.iter_mut().zip(words) {
+        *value = f64::from_le_bytes(*word);
+    }
+    state.iter().all(|value| value.is_finite())
+}
+
+fn write_state(file: &Path, state: &[f64]) {
+    let bytes: Vec<u8> = state.iter().flat_map(|value| value.to_le_bytes()).collect();
+    // Whole or not at all; a file that cannot be written costs the next start its time.
+    let draft = file.with_extension(std::process::id().to_string());
+    let _ = std::fs::write(&draft, bytes).and_then(|()| std::fs::rename(&draft, file));
 }
 
 /// The car of a resolved bench, at rest at its static equilibrium.
