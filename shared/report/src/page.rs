@@ -80,7 +80,7 @@ pub fn page_html(
         };
         let rows: String = table.rows.iter().map(|row| format!("<tr>{}</tr>", cells(row, "td"))).collect();
         page += &format!(
-            "<section><h2>{}</h2><table class=\"numbers\"><thead><tr>{}</tr></thead><tbody>{rows}</tbody></table></section>\n",
+            "<section style=\"overflow-x:auto\"><h2>{}</h2><table class=\"numbers\"><thead><tr>{}</tr></thead><tbody>{rows}</tbody></table></section>\n",
             escaped(&table.title),
             cells(&table.head, "th")
         );

@@ -396,7 +396,9 @@ impl Victim<'_> {
                     faults.push("the run did not end in time and was killed".to_owned());
                     let _ = self.supervisor.kill();
                     let _ = self.supervisor.wait();
-                    self.pids.iter().for_each(|&pid| drop(signal(pid, Signal::KILL)));
+                    for &pid in &self.pids {
+                        signal(pid, Signal::KILL);
+                    }
                     break;
                 }
                 _ => clock::sleep_until(clock::now() + 20_000_000, 0),
