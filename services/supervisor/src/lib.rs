@@ -16,6 +16,7 @@ mod set;
 pub use children::{Change, Children, DEATHS_MAX, SERVICES, YOUNG_MAX, YOUNG_NS};
 pub use operator::Operator;
 pub use plan::{RunPlan, request};
+pub use set::BELOW_SERVICES;
 
 use assembly::manifest::{Drive, Manifest, ManifestError};
 use assembly::{AssemblyError, service::ServiceError};

@@ -18,7 +18,7 @@ const START_IN_NS: Nanos = 50_000_000;
 /// Longest time between two looks of the supervisor; a death wakes it at once. [ns]
 const LOOK_NS: Nanos = 5_000_000;
 /// How far the supervisor's priority is below the rig's.
-const BELOW_SERVICES: i32 = 10;
+pub const BELOW_SERVICES: i32 = 10;
 /// Longest wait for the services to end, behind the end of the run. [ns]
 const END_MAX_NS: Nanos = 10 * SECOND;
 

@@ -14,7 +14,7 @@ pub fn service(args: &ServiceArgs) -> Exit {
             return Exit::BadInput;
         }
     };
-    if matches!(args.service, ServiceName::Probe | ServiceName::Load) {
+    if args.service == ServiceName::Load {
         runtime::realtime::relax();
     }
     let note = |line: &str| output::note(line);

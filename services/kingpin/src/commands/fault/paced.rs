@@ -10,6 +10,7 @@ use config::ResolvedBench;
 use config::campaign::{Campaign, FaultKind, Target};
 use regions::{Fault, Payload, RegionId, RigStatus, fault_kind};
 use runtime::clock::{self, Grid, Nanos, SECOND};
+use runtime::realtime::{self, Wish};
 use runtime::region_specs;
 use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
 use std::collections::BTreeSet;
@@ -243,7 +244,18 @@ impl Victim<'_> {
         }
     }
 
+    /// Start, attach and end of a process that does nothing else, at the priority of a restart.
     fn bare(&self) -> Option<u64> {
+        let priority = self.resolved.scenario.realtime.priority;
+        let priority = priority.map(|p| (i32::from(p) - supervisor::BELOW_SERVICES).max(1));
+        // What the host refuses, it refuses the supervisor too.
+        let _ = realtime::apply(&Wish { priority, ..Wish::default() });
+        let bare = self.bare_at_priority();
+        realtime::relax();
+        bare
+    }
+
+    fn bare_at_priority(&self) -> Option<u64> {
         let begin = clock::now();
         let status = Command::new(&self.executable)
             .args(["service", "probe", "--bench", self.bench.name().as_str()])
