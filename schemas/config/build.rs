@@ -4,7 +4,9 @@
 #![allow(clippy::print_stdout)]
 
 fn main() {
-    for directory in ["cars", "suspensions", "tyres", "units", "scenarios", "rigs", "models", "can"] {
+    for directory in
+        ["cars", "suspensions", "tyres", "units", "scenarios", "rigs", "models", "can", "campaigns"]
+    {
         println!("cargo:rerun-if-changed=../{directory}");
     }
 }

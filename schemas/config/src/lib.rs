@@ -7,6 +7,7 @@
 
 pub mod axle;
 pub mod bench;
+pub mod campaign;
 pub mod can;
 pub mod car;
 pub mod check;

@@ -1,4 +1,4 @@
-//! The reference files that the executable carries: cars, suspensions, tyres, units, rigs, scenarios, models.
+//! The reference files that the executable carries: cars, suspensions, tyres, units, rigs, scenarios, models, campaigns.
 
 use crate::validate::closest;
 use include_dir::{Dir, include_dir};
@@ -12,6 +12,7 @@ static UNITS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../units");
 static SCENARIOS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../scenarios");
 static RIGS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../rigs");
 static CAN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../can");
+static CAMPAIGNS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../campaigns");
 static MODELS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../models");
 
 /// Kinds of shipped files; each has its directory.
@@ -34,11 +35,13 @@ pub enum Kind {
     Model,
     /// CAN mappings and DBC files.
     Can,
+    /// Fault campaigns.
+    Campaign,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Scenario,
         Self::Car,
         Self::Suspension,
@@ -47,6 +50,7 @@ impl Kind {
         Self::Rig,
         Self::Model,
         Self::Can,
+        Self::Campaign,
     ];
 
     /// Directory of the kind in the library.
@@ -60,6 +64,7 @@ impl Kind {
             Self::Rig => "rigs",
             Self::Model => "models",
             Self::Can => "can",
+            Self::Campaign => "campaigns",
         }
     }
 
@@ -73,6 +78,7 @@ impl Kind {
             Self::Rig => &RIGS,
             Self::Model => &MODELS,
             Self::Can => &CAN,
+            Self::Campaign => &CAMPAIGNS,
         }
     }
 }

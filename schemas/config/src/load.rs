@@ -37,6 +37,10 @@ impl Section for crate::scenario::Scenario {
     const KIND: Kind = Kind::Scenario;
 }
 
+impl Section for crate::campaign::Campaign {
+    const KIND: Kind = Kind::Campaign;
+}
+
 impl Section for crate::car::Car {
     const KIND: Kind = Kind::Car;
 }
@@ -483,6 +487,7 @@ pub fn all_schemas() -> Vec<(Kind, serde_json::Value)> {
         (Kind::Rig, schema_json::<crate::rig::Rig>()),
         (Kind::Unit, schema_json::<crate::unit::SteeringUnit>()),
         (Kind::Can, schema_json::<crate::can::Can>()),
+        (Kind::Campaign, schema_json::<crate::campaign::Campaign>()),
     ]
 }
 

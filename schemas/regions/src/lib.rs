@@ -66,6 +66,7 @@ regions! {
     "logger_status" LoggerStatus "logger" LoggerStatus false Ticks(64);
     "vehicle_checkpoint" VehicleCheckpoint "vehicle" VehicleCheckpoint true Ticks(16);
     "multibody_checkpoint" MultibodyCheckpoint "multibody" MultibodyCheckpoint true Ticks(16);
+    "faults" Faults "campaign" Fault false Ticks(64);
 }
 
 impl RegionId {

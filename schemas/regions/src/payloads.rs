@@ -459,6 +459,42 @@ payload! {
     }
 }
 
+payload! {
+    /// A fault that a campaign asks of a service, obeyed by the service itself at the ticks named.
+    Fault version 1 {
+        /// Number of the order.
+        tick: u64 One "1",
+        /// Service: 0 rig, 1 vehicle, 2 multibody, 3 logger, 4 CAN.
+        target: u64 One "1",
+        /// What: see `fault_kind`.
+        kind: u64 One "1",
+        /// First tick of it.
+        from_tick: u64 One "1",
+        /// First tick after it.
+        end_tick: u64 One "1",
+        /// What it needs to know, by kind.
+        value: f64 Index(4) "SI",
+    }
+}
+
+/// Kinds of [`Fault::kind`] and what [`Fault::value`] holds for each.
+pub mod fault_kind {
+    /// Compute for `value[0]` seconds before the step of the first tick.
+    pub const STALL: u64 = 1;
+    /// Start each step only at the fraction `value[0]` of the period.
+    pub const LATE: u64 = 2;
+    /// Die in the middle of writing the first tick.
+    pub const TORN_WRITE: u64 = 3;
+    /// Publish nonsense: `value[0]` = 0 not-a-number, 1 huge numbers, 2 random bits (seed `value[1]`).
+    pub const CORRUPT: u64 = 4;
+    /// The wall clock steps by `value[0]` seconds.
+    pub const CLOCK_STEP: u64 = 5;
+    /// Rig only: sensor channel `value[0]`; `value[1]` = 0 invalid, 1 stuck, 2 offset by `value[2]` (SI).
+    pub const SENSOR: u64 = 6;
+    /// For the CAN service: its own codes in `value`.
+    pub const CAN: u64 = 7;
+}
+
 /// Bits of `flags` in vehicle and suspension state.
 pub mod model_flags {
     /// An input was not there in time: the last one was used.

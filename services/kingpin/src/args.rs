@@ -52,6 +52,16 @@ pub enum Command {
     Rig(crate::commands::rig::RigArgs),
     /// CAN: check DBC and mapping files, watch a bus, send on it, play the ECU
     Can(crate::commands::can_args::CanArgs),
+    /// Run a fault campaign: kill, stop, stall, spoil, and check what the bench makes of it
+    Fault(FaultArgs),
+    /// Measure timing: the rig's wake-ups beside bare timers in the same run
+    Bench(BenchArgs),
+    /// Say what this host lacks for hard real time, and what to do about it
+    Doctor(DoctorArgs),
+    /// Take over a running bench whose supervisor died
+    Attach(AttachArgs),
+    /// Save the last four seconds out of the table of a crashed (or running) bench
+    Blackbox(BlackboxArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell
@@ -99,6 +109,188 @@ pub struct RunArgs {
     /// Wait before a dead service is started again, for fault runs [s]
     #[arg(long, default_value_t = 0.0, value_name = "S")]
     pub restart_delay: f64,
+    /// Acknowledge, arm and start again by itself after the rig was restarted or tripped: for unattended runs of
+    /// the virtual rig
+    #[arg(long)]
+    pub rearm: bool,
+    /// Let the services obey the orders of a fault campaign
+    #[arg(long, hide = true)]
+    pub faults: bool,
+}
+
+/// Arguments of `fault`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = FAULT_HELP)]
+pub struct FaultArgs {
+    /// A shipped campaign (see `kingpin list campaigns`) or a TOML file
+    pub campaign: String,
+    /// Replace a value of the campaign: `seed=7`, `faults_per_run=10`; may be repeated
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub set: Vec<String>,
+    /// Directory for results and logs [default: runs/<campaign>-<date>-<time>]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the bench
+    #[arg(long, default_value = "fault", value_name = "NAME")]
+    pub name: String,
+    /// Keep the logs of runs in which all was as expected, too
+    #[arg(long)]
+    pub keep: bool,
+    /// Print the result as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `fault --help` adds.
+const FAULT_HELP: &str = "\
+Each fault is made in undisturbed running, when and where the seed says, and judged by the log of the run and by an
+observer of its own who reads the table:
+
+  kill, torn_write   the rig holds no later than one output phase behind its staleness limit, counted in output
+                     phases that it executed itself; the force fades as the rig file says, steer torque off, heights
+                     frozen; the service is there again and the loop runs; vehicle and multibody states equal, bit
+                     for bit, those of a model that never died and had the same inputs; no torn slot is ever read.
+                     Rig: comes up off or idle at zero force and starts only when asked. Supervisor: attach takes
+                     over, nothing else happens. Logger: no tick is missing in the log.
+  stop, stall, late  as kill, if longer than the limit; else nothing but counts; every missed tick is stepped
+  corrupt            no nonsense is used: refused, held, and stale when it lasts
+  sensor             trips with a sensor's code, or is within tolerance (said); runs again when acknowledged
+  disk_full          the loop runs on; what is lost is counted, what is logged is readable
+  clock_step         nothing: time is monotonic; all files of the log keep one clock origin
+
+A fault during which the host itself stalled the rig for more ticks than the limit says nothing about the bench: it is
+counted as `host stalled`, not as passed, and made again. Exit code 1 if any fault had another reaction than expected.
+
+Results in the directory: faults.json, faults.html (force, state, staleness around the faults), logs of failed runs.
+
+Examples:
+  kingpin fault kills_30
+  kingpin fault kills_1000 --json
+  kingpin fault lockstep_mix --set seed=7 --keep";
+
+/// Arguments of `bench`.
+#[derive(Debug, ClapArgs)]
+pub struct BenchArgs {
+    /// What to measure.
+    #[command(subcommand)]
+    pub command: BenchCommand,
+}
+
+/// Commands of `bench`.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// Wake-ups, phases and chain latency of the process set beside bare timer threads
+    Jitter(BenchJitterArgs),
+}
+
+/// Arguments of `bench jitter`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = "\
+Blocks of the process set and of a bare timer thread alternate, on the same core, at the same priority, with the same
+call to sleep (20 us of spinning before the time aimed at), so that both see the same host; a third, shorter kind of
+block does not spin, as cyclictest does not. Times are of wake-ups after the time aimed at, of the tick only; the chain
+is from the rig's sample to the published suspension state; the margin is what is left before the output phase.
+Ratios of p50, p99 and p99.9 come with a 95 % interval from drawing whole blocks with replacement.
+
+Results in the directory: jitter.json, jitter.html.
+
+Examples:
+  kingpin bench jitter --duration 60
+  kingpin bench jitter --cores 0,1 --duration 1000 --load       10^6 ticks under stress
+  kingpin bench jitter --period 0.25 --duration 30              at 4 kHz")]
+pub struct BenchJitterArgs {
+    /// Cores: of the rig and the bare timer, then of vehicle and multibody [default: wherever the kernel puts them]
+    #[arg(long, value_delimiter = ',', value_name = "CORE[,CORE]")]
+    pub cores: Vec<usize>,
+    /// Length of each of the two series [s]
+    #[arg(long, default_value_t = 60.0, value_name = "S")]
+    pub duration: f64,
+    /// Length of a block [s]
+    #[arg(long, default_value_t = 10.0, value_name = "S")]
+    pub block: f64,
+    /// Stress all cores meanwhile: computing, cache misses, memory traffic, disk writes
+    #[arg(long)]
+    pub load: bool,
+    /// Period: 1, 0.5 or 0.25 [ms]
+    #[arg(long, default_value_t = 1.0, value_name = "MS")]
+    pub period: f64,
+    /// SCHED_FIFO priority of rig and bare timer
+    #[arg(long, default_value_t = 60, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=98))]
+    pub priority: i32,
+    /// Scenario of the process set
+    #[arg(long, default_value = "slalom_120", value_name = "NAME")]
+    pub scenario: String,
+    /// Name of the bench
+    #[arg(long, default_value = "jitter", value_name = "NAME")]
+    pub name: String,
+    /// Directory for the results [default: runs/jitter-<date>-<time>]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the result as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `doctor`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = "\
+Marks: good = as it should be, limits = costs jitter, LACKS = stands against hard real time, ? = the host does not say.
+Nothing is changed; what to do is printed for you to do.
+
+Example:
+  kingpin doctor --seconds 10")]
+pub struct DoctorArgs {
+    /// Length of the measurement of timer wake-ups [s]
+    #[arg(long, default_value_t = 2.0, value_name = "S")]
+    pub seconds: f64,
+    /// As JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `attach`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = "\
+A bench runs on when its supervisor dies: the rig, the models and the logger are processes of their own. For ten
+seconds nothing changes; then the rig stops softly by itself and the others end. `attach` within that time takes the
+bench's lock, adopts the services, restarts those that have died meanwhile, and sees the run to its planned end with
+summary and report, as `run` would have.
+
+Example:
+  kingpin attach bench                              the default name of `kingpin run`")]
+pub struct AttachArgs {
+    /// Name of the bench
+    pub name: String,
+    /// Print the summary as JSON on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Do not write report.html
+    #[arg(long)]
+    pub no_report: bool,
+    /// As in `run`
+    #[arg(long)]
+    pub rearm: bool,
+}
+
+/// Arguments of `blackbox`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = "\
+Every region of the table keeps at least four seconds. After a crash of everything they are still in shared memory,
+until the next run of the same name, or `kingpin clean`, removes them; both save them first. The log that is written
+is like any other: `kingpin report`, `export` and `compare` read it.
+
+Example:
+  kingpin blackbox --name bench -o crash.mcap && kingpin report crash.mcap")]
+pub struct BlackboxArgs {
+    /// Name of the bench [default: the only one there is]
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Where to write it [default: blackbox.mcap beside the run's log]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Print what was saved as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Where lockstep runs.
@@ -245,6 +437,8 @@ pub enum ListKind {
     Models,
     /// CAN mappings and DBC files
     Can,
+    /// Fault campaigns
+    Campaigns,
 }
 
 /// Arguments of `check`.
@@ -285,6 +479,8 @@ pub enum SchemaSection {
     Model,
     /// A CAN mapping
     Can,
+    /// A fault campaign
+    Campaign,
 }
 
 /// Arguments of `table`.
@@ -526,6 +722,9 @@ pub struct CleanArgs {
     /// Only this bench [default: every bench that nobody runs]
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
+    /// Do not save the last seconds of what is removed
+    #[arg(long)]
+    pub discard: bool,
 }
 
 /// Arguments of `service`.
@@ -552,4 +751,8 @@ pub enum ServiceName {
     Can,
     /// The log.
     Logger,
+    /// Attaches and ends: what a restart costs at least.
+    Probe,
+    /// Stress for measurements.
+    Load,
 }

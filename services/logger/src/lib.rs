@@ -7,11 +7,13 @@
 //! Events (state changes, trips, late commands, restarts, losses) are derived here from the regions, so
 //! that they cannot disagree with them.
 
+pub mod blackbox;
+mod files;
 mod service;
 
-pub use service::{create_log, serve};
+pub use files::{Files, MakeLog};
+pub use service::{create_header, create_log, serve};
 
-use record::LogWriter;
 use regions::{ALL, Bench, LoggerStatus, NO_TICK, Payload, RegionId, RigStatus};
 use runtime::clock::{self, Nanos};
 use table::{Read, RegionReader, RegionWriter, Table, TableError};
@@ -52,7 +54,7 @@ struct Watch {
 /// A logger at work.
 pub struct Logger {
     tracks: Vec<Track>,
-    log: LogWriter,
+    log: Files,
     status_writer: RegionWriter,
     status: LoggerStatus,
     sequence: u64,
@@ -81,11 +83,13 @@ impl Logger {
     ///
     /// # Errors
     /// [`TableError`] when another logger is alive.
-    pub fn new(table: &Table, log: LogWriter) -> Result<Self, TableError> {
+    pub fn new(table: &Table, make: MakeLog) -> Result<Self, TableError> {
         let status_writer = table.claim_writer(RegionId::LoggerStatus as usize)?;
         let mut status = LoggerStatus::absent();
         let reader = status_writer.reader();
         let resumed = reader.latest(reader.head(), status.words_mut()).is_some();
+        // Only now, when no other logger is alive, so that no file is made in vain.
+        let log = Files::new(make);
         let sequence = reader.head();
         let first = if resumed { status.written_tick } else { 0 };
         let tracks = ALL
@@ -133,7 +137,9 @@ impl Logger {
             for n in track.next..head.min(track.next + BATCH) {
                 match track.reader.read(n, &mut track.words) {
                     Read::Ready => {
-                        self.log.write(track.id, n, &track.words);
+                        if !self.log.write(track.id, n, &track.words) && track.dense {
+                            self.status.lost_count += 1;
+                        }
                         observe(
                             &mut self.watch,
                             &mut self.end_tick,
@@ -170,9 +176,15 @@ impl Logger {
     /// Hands everything to the system if the flush interval is over at `now`. [ns]
     pub fn flush_if_due(&mut self, now: Nanos) {
         if now.saturating_sub(self.flushed) >= FLUSH_NS {
-            self.log.flush();
             self.flushed = now;
-            self.status.written_tick = self.status.read_tick;
+            if self.log.flush() {
+                self.status.written_tick = self.status.read_tick;
+            }
+            // A file that was removed took with it what was in it: a tick of each dense region is a loss.
+            let gone = self.log.care(now, self.status.read_tick);
+            if gone > 0 {
+                self.status.lost_count += gone;
+            }
             self.publish();
         }
     }
@@ -195,12 +207,11 @@ impl Logger {
     /// Ends the log in order.
     pub fn finish(mut self) -> Finished {
         while self.drain() > 0 {}
-        self.status.written_tick = self.status.read_tick;
-        let stats = self.log.stats();
-        self.status.write_error_count = stats.write_errors;
+        if self.log.flush() {
+            self.status.written_tick = self.status.read_tick;
+        }
         self.publish();
-        // What could not be written is in the counts; the file up to there is readable.
-        let stats = self.log.finish().unwrap_or(stats);
+        let stats = self.log.finish();
         Finished {
             messages: stats.messages,
             lost: self.status.lost_count,
@@ -223,7 +234,7 @@ impl Logger {
     }
 }
 
-fn observe(watch: &mut Watch, end_tick: &mut u64, log: &mut LogWriter, id: RegionId, n: u64, words: &[u64]) {
+fn observe(watch: &mut Watch, end_tick: &mut u64, log: &mut Files, id: RegionId, n: u64, words: &[u64]) {
     match id {
         RegionId::Bench => {
             let mut bench = Bench::absent();

@@ -15,17 +15,14 @@ const POLL_NS: Nanos = 4_000_000;
 /// The same in lockstep, where the run waits for the logger. [ns]
 const POLL_LOCKSTEP_NS: Nanos = 100_000;
 
-/// Makes the next log file of a run. `t0_ns`: start of tick 0, CLOCK_MONOTONIC.
-///
-/// # Errors
-/// [`LogError`] when the file cannot be made.
-pub fn create_log(manifest: &Manifest, t0_ns: Nanos) -> Result<LogWriter, LogError> {
+/// What each log file of a run says of it. `t0_ns`: start of tick 0, CLOCK_MONOTONIC.
+pub fn create_header(manifest: &Manifest, t0_ns: Nanos) -> LogHeader {
     let resolved = &manifest.resolved;
     let lockstep = manifest.drive == Drive::Lockstep;
     let configuration = resolved.canonical_json();
     let mut versions = manifest.versions.clone();
     versions.insert("configuration_sha256".to_owned(), resolved.hash());
-    let header = LogHeader {
+    LogHeader {
         bench: manifest.bench.clone(),
         scenario: resolved.scenario.name.clone(),
         run_id: manifest.run_id,
@@ -43,7 +40,17 @@ pub fn create_log(manifest: &Manifest, t0_ns: Nanos) -> Result<LogWriter, LogErr
             .iter()
             .map(|source| Source { name: source.name.clone(), text: source.text.clone() })
             .collect(),
-    };
+    }
+}
+
+/// Makes the next log file of a run. `t0_ns`: start of tick 0, CLOCK_MONOTONIC.
+///
+/// # Errors
+/// [`LogError`] when the file cannot be made.
+pub fn create_log(manifest: &Manifest, t0_ns: Nanos) -> Result<LogWriter, LogError> {
+    let header = create_header(manifest, t0_ns);
+    // The directory may have been removed meanwhile. If it cannot be made again, making the file says why.
+    let _ = std::fs::create_dir_all(&manifest.directory);
     LogWriter::create(&LogWriter::next_path(&manifest.directory), &header)
 }
 
@@ -81,6 +88,8 @@ pub fn serve(bench: &Bench, mut note: impl FnMut(&str)) -> Result<Finished, Logg
     let manifest =
         Manifest::read(&bench.directory()).map_err(|e| LoggerError::Service(ServiceError::Manifest(e)))?;
     let table = open_table(bench, &manifest).map_err(|e| LoggerError::Service(ServiceError::Table(e)))?;
+    // The supervisor's priority, inherited, is for getting started only.
+    realtime::relax();
     let core = manifest.resolved.scenario.realtime.cores.logger.map(usize::from);
     for line in realtime::apply(&Wish { core, priority: None, lock_memory: false }) {
         note(&line);
@@ -88,9 +97,11 @@ pub fn serve(bench: &Bench, mut note: impl FnMut(&str)) -> Result<Finished, Logg
     let stop = Arc::new(AtomicBool::new(false));
     // Without the handler SIGTERM just kills: the log then ends at its last flush.
     let _ = signal_hook::flag::register(signal_hook::consts::SIGTERM, Arc::clone(&stop));
+    // A file at its size limit is a full disk, not an end: the write is refused instead.
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)));
     let t0 = wait_for_start(&table).map_err(|e| LoggerError::Service(ServiceError::Tick(e)))?;
-    let log = create_log(&manifest, t0).map_err(LoggerError::Log)?;
-    let logger = Logger::new(&table, log).map_err(|e| LoggerError::Service(ServiceError::Table(e)))?;
     let poll = if manifest.drive == Drive::Lockstep { POLL_LOCKSTEP_NS } else { POLL_NS };
+    let make = Box::new(move || create_log(&manifest, t0));
+    let logger = Logger::new(&table, make).map_err(|e| LoggerError::Service(ServiceError::Table(e)))?;
     Ok(run(logger, poll, || stop.load(Ordering::Relaxed)))
 }

@@ -1,6 +1,7 @@
 //! Lockstep in this process: the chain in one thread, the logger in another, a table in ordinary memory.
 
-use crate::{Observer, Outcome, Run, RunError, Watchers};
+use crate::fault::{FaultChain, FaultError};
+use crate::{Observer, Operator, Outcome, Run, RunError, Watchers};
 use assembly::manifest::Drive;
 use assembly::{ServiceKind, build, build_can};
 use regions::{Payload, RegionId};
@@ -11,6 +12,28 @@ use table::{Table, TableInfo};
 
 /// Ticks between two looks at the logger, the interrupt and the observer.
 const LOOK: u64 = 256;
+
+/// What steps the bench.
+enum Driver<'a> {
+    Plain(Chain),
+    Faulty(Box<FaultChain<'a>>),
+}
+
+impl Driver<'_> {
+    fn tick(&mut self, n: u64) -> Result<(), RunError> {
+        match self {
+            Driver::Plain(chain) => chain.tick(n).map_err(RunError::Tick),
+            Driver::Faulty(chain) => chain.tick(n).map_err(of_fault),
+        }
+    }
+}
+
+fn of_fault(error: FaultError) -> RunError {
+    match error {
+        FaultError::Assembly(error) => RunError::Assembly(error),
+        FaultError::Tick(error) => RunError::Tick(error),
+    }
+}
 
 pub(crate) fn run(
     run: &Run,
@@ -28,20 +51,30 @@ pub(crate) fn run(
         let model = build(kind, &run.resolved).map_err(RunError::Assembly)?;
         Bound::new(model, &table, true).map_err(RunError::Tick)
     };
-    let mut models =
-        vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
-    let mut order = vec![(0, 0), (1, 0), (2, 0), (0, 1)];
-    if let Some(model) = build_can(&run.resolved, None, false).map_err(RunError::Assembly)? {
-        models.push(Bound::new(model, &table, true).map_err(RunError::Tick)?);
-        order.push((3, 0));
-    }
-    let mut chain = Chain::new(models, order);
+    let mut driver = if run.faults {
+        let chain = FaultChain::new(&run.resolved, &table, &run.fault_plan).map_err(of_fault)?;
+        Driver::Faulty(Box::new(chain))
+    } else {
+        let mut models =
+            vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
+        let mut order = vec![(0, 0), (1, 0), (2, 0), (0, 1)];
+        if let Some(model) = build_can(&run.resolved, None, false).map_err(RunError::Assembly)? {
+            models.push(Bound::new(model, &table, true).map_err(RunError::Tick)?);
+            order.push((3, 0));
+        }
+        Driver::Plain(Chain::new(models, order))
+    };
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
-    let mut plan = run.plan();
+    let mut operator = Operator::new(run.plan(), period_s, run.rearm);
     let mut watchers = Watchers::new(&table);
 
-    let log = logger::create_log(&manifest, info.t0_ns).map_err(RunError::Log)?;
-    let log = logger::Logger::new(&table, log).map_err(RunError::Table)?;
+    // A log that cannot be made at the beginning is told before anything runs.
+    let mut first = Some(logger::create_log(&manifest, info.t0_ns).map_err(RunError::Log)?);
+    let make = Box::new(move || match first.take() {
+        Some(log) => Ok(log),
+        None => logger::create_log(&manifest, info.t0_ns),
+    });
+    let log = logger::Logger::new(&table, make).map_err(RunError::Table)?;
     let abandoned = AtomicBool::new(false);
     let credit = specs[RegionId::RigStatus as usize].depth as u64 / 2;
 
@@ -51,7 +84,7 @@ pub(crate) fn run(
         let mut interrupted = false;
         let mut n = 0;
         let mut ran = Ok(());
-        while n < plan.end {
+        while n < operator.plan.end {
             if n.is_multiple_of(LOOK) {
                 watchers.look();
                 // The chain never laps the logger: what it could overwrite is at most half read.
@@ -59,16 +92,23 @@ pub(crate) fn run(
                     clock::sleep_until(clock::now() + 50_000, 0);
                     watchers.look();
                 }
-                observer.progress(n, plan.end, &watchers.status);
+                observer.progress(n, operator.plan.end, &watchers.status);
                 if interrupt.load(Ordering::Relaxed) && !interrupted {
                     interrupted = true;
-                    plan.stop_at(n);
+                    operator.plan.stop_at(n);
                 }
             }
+            let words = if run.rearm {
+                // By the rig's word on the tick before: the same in every run.
+                watchers.look();
+                operator.step(n, &watchers.status)
+            } else {
+                operator.plan.at(n)
+            };
             // Sole writer of the region, in order: cannot be refused.
-            let _ = bench.write(n, plan.at(n).words());
-            if let Err(error) = chain.tick(n) {
-                ran = Err(RunError::Tick(error));
+            let _ = bench.write(n, words.words());
+            if let Err(error) = driver.tick(n) {
+                ran = Err(error);
                 abandoned.store(true, Ordering::Relaxed);
                 break;
             }
@@ -83,7 +123,7 @@ pub(crate) fn run(
     ran?;
     watchers.look();
     Ok(Outcome {
-        ticks: plan.end,
+        ticks: operator.plan.end,
         wall_s: (clock::now() - begin) as f64 * 1e-9,
         period_s,
         interrupted,

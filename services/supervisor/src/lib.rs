@@ -8,11 +8,15 @@
 
 mod chain;
 mod children;
+pub mod fault;
+mod operator;
 mod plan;
 mod set;
 
-pub use children::{Change, Children, SERVICES};
+pub use children::{Change, Children, DEATHS_MAX, SERVICES, YOUNG_MAX, YOUNG_NS};
+pub use operator::Operator;
 pub use plan::{RunPlan, request};
+pub use set::BELOW_SERVICES;
 
 use assembly::manifest::{Drive, Manifest, ManifestError};
 use assembly::{AssemblyError, service::ServiceError};
@@ -49,8 +53,25 @@ pub struct Run {
     pub mode: Mode,
     /// Wait this long before starting a dead service again. [ns]
     pub restart_delay_ns: Nanos,
+    /// Acknowledge, arm and start again after the rig was restarted or tripped: unattended runs of the virtual rig.
+    pub rearm: bool,
+    /// Whether the services obey the orders of a fault campaign.
+    pub faults: bool,
+    /// What is done to the services in lockstep in this process, by tick.
+    pub fault_plan: Vec<fault::PlannedFault>,
     /// Versions for the log's header.
     pub versions: BTreeMap<String, String>,
+}
+
+/// A bench to be taken over from a dead supervisor.
+#[derive(Debug, Clone)]
+pub struct Attach {
+    /// The bench.
+    pub bench: table::Bench,
+    /// As [`Run::rearm`].
+    pub rearm: bool,
+    /// As [`Run::restart_delay_ns`].
+    pub restart_delay_ns: Nanos,
 }
 
 /// Who wants to see how a run goes.
@@ -109,6 +130,20 @@ pub enum RunError {
         /// Regions nobody claimed.
         unclaimed: Vec<&'static str>,
     },
+    /// The bench has no supervisor, but its services still run.
+    StillRunning {
+        /// A region that is written.
+        region: String,
+        /// By whom.
+        pid: u32,
+    },
+    /// There is no run to take over.
+    NothingToAttach {
+        /// The bench.
+        bench: String,
+        /// Why.
+        why: String,
+    },
     /// Lockstep broke off.
     Tick(TickError),
     /// A service in this process.
@@ -128,6 +163,14 @@ impl std::fmt::Display for RunError {
             }
             RunError::NotReady { unclaimed } => {
                 write!(f, "services not ready: nobody claimed {}", unclaimed.join(", "))
+            }
+            RunError::StillRunning { region, pid } => write!(
+                f,
+                "the bench lost its supervisor but still runs (process {pid} writes {region}): take it over with \
+                 `kingpin attach`, or wait until it has stopped by itself"
+            ),
+            RunError::NothingToAttach { bench, why } => {
+                write!(f, "bench {bench} cannot be taken over: {why}")
             }
             RunError::Tick(e) => write!(f, "{e}"),
             RunError::Service(e) => write!(f, "{e}"),
@@ -149,7 +192,42 @@ pub fn run(run: &Run, interrupt: &AtomicBool, observer: &mut dyn Observer) -> Re
     }
 }
 
+/// Takes over a running bench whose supervisor died, and sees it to its end. Also returns the run that it was.
+///
+/// # Errors
+/// [`RunError`]; a bench that is in order, or has nothing left that runs, is left as it is.
+pub fn attach(
+    attach: &Attach,
+    interrupt: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<(Run, Outcome), RunError> {
+    set::attach(attach, interrupt, observer)
+}
+
+/// Saves the last seconds of a table that a crash left, beside the crashed run's log. What was done, in a line.
+pub fn save_before_cleaning(lock: &table::BenchLock) -> String {
+    match logger::blackbox::save(lock.bench(), None) {
+        Ok(saved) => saved.to_string(),
+        Err(error) => format!("nothing of what an earlier run left in memory could be saved: {error}"),
+    }
+}
+
 impl Run {
+    /// The run that a manifest describes.
+    fn of_manifest(attach: &Attach, manifest: &Manifest) -> Self {
+        Run {
+            bench: attach.bench.clone(),
+            resolved: manifest.resolved.clone(),
+            directory: manifest.directory.clone(),
+            mode: Mode::Paced,
+            restart_delay_ns: attach.restart_delay_ns,
+            rearm: attach.rearm,
+            faults: manifest.faults,
+            fault_plan: Vec::new(),
+            versions: manifest.versions.clone(),
+        }
+    }
+
     fn manifest(&self, drive: Drive) -> Manifest {
         let wall_start_ns = clock::wall_now();
         Manifest {
@@ -160,6 +238,7 @@ impl Run {
                 Drive::Paced => wall_start_ns,
             },
             drive,
+            faults: self.faults,
             directory: self.directory.clone(),
             wall_start_ns,
             monotonic_start_ns: clock::now(),

@@ -1,10 +1,12 @@
-//! The process set, paced or in lockstep: table, services, watching, restarting, ending.
+//! The process set, paced or in lockstep: table, services, watching, restarting, ending; and taking over a
+//! bench whose supervisor died.
 
 use crate::children::Change;
-use crate::{Children, Observer, Outcome, Run, RunError, RunPlan, Watchers};
+use crate::{Attach, Children, Observer, Operator, Outcome, Run, RunError, Watchers};
 use assembly::manifest::{Drive, Manifest};
-use regions::{ALL, Payload, RegionId};
+use regions::{ALL, Bench as BenchRegion, Payload, RegionId, Timing};
 use runtime::clock::{self, Grid, Nanos, SECOND};
+use runtime::realtime::{self, Wish};
 use runtime::region_specs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use table::{BenchLock, CreateOptions, RegionWriter, Table, TableInfo};
@@ -13,8 +15,10 @@ use table::{BenchLock, CreateOptions, RegionWriter, Table, TableInfo};
 const READY_MAX_NS: Nanos = 60 * SECOND;
 /// Time between setting the start and tick 0. [ns]
 const START_IN_NS: Nanos = 50_000_000;
-/// Time between two looks of the supervisor. [ns]
+/// Longest time between two looks of the supervisor; a death wakes it at once. [ns]
 const LOOK_NS: Nanos = 5_000_000;
+/// How far the supervisor's priority is below the rig's.
+pub const BELOW_SERVICES: i32 = 10;
 /// Longest wait for the services to end, behind the end of the run. [ns]
 const END_MAX_NS: Nanos = 10 * SECOND;
 
@@ -26,6 +30,7 @@ struct Cleaner<'a> {
 
 impl Drop for Cleaner<'_> {
     fn drop(&mut self) {
+        realtime::relax();
         if let Some(children) = &mut self.children {
             children.kill();
         }
@@ -42,10 +47,7 @@ pub(crate) fn run(
 ) -> Result<Outcome, RunError> {
     let lock = run.bench.lock().map_err(RunError::Table)?;
     // Under the lock there is no other supervisor: what lies there is left over from a crash.
-    let left = table::remove_bench(&lock).map_err(RunError::Table)?;
-    if left > 0 {
-        observer.note(&format!("removed {left} segments left over from an earlier run of this bench"));
-    }
+    clear_left_overs(&lock, observer)?;
     let scenario = &run.resolved.scenario;
     let period_s = scenario.timing.period_s();
     let period_ns = scenario.timing.period_ns();
@@ -58,6 +60,9 @@ pub(crate) fn run(
     manifest.write(&run.bench.directory()).map_err(RunError::Manifest)?;
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
 
+    if drive == Drive::Paced {
+        raise(run);
+    }
     let executable = std::env::current_exe().map_err(|e| RunError::Io("kingpin".into(), e))?;
     let output = run.directory.join("services.txt");
     let children = Children::start(
@@ -75,13 +80,14 @@ pub(crate) fn run(
         observer.note(line);
     }
 
-    let mut plan = run.plan();
+    let mut operator = Operator::new(run.plan(), period_s, run.rearm);
     let mut watchers = Watchers::new(&table);
     let begin = clock::now();
-    let mut supervision = Supervision { plan: &mut plan, bench: &mut bench, observer, interrupt };
+    let mut supervision =
+        Supervision { operator: &mut operator, bench: &mut bench, rearm: run.rearm, observer, interrupt };
     let (interrupted, given_up) = match drive {
         Drive::Paced => {
-            supervision.publish(0, children);
+            supervision.publish(0, children, &watchers);
             let t0 = clock::now() + START_IN_NS;
             table.set_t0(t0).map_err(RunError::Table)?;
             supervision.paced(children, &mut watchers, Grid { t0, period: period_ns })
@@ -92,17 +98,120 @@ pub(crate) fn run(
             supervision.lockstep(children, &mut watchers, credit)
         }
     };
-    // The services end by themselves: they know the end. The logger is last.
+    let outcome = (interrupted, given_up, begin);
+    Ok(end(children, &mut watchers, observer, period_s, outcome))
+}
+
+/// Below the services, so that it never delays them, but above everything else: a dead service is to be there again
+/// soon on a busy host too. Processes inherit it; services then take their own priority, the logger none.
+fn raise(run: &Run) {
+    let wanted = run.resolved.scenario.realtime.priority;
+    let priority = wanted.map(|p| (i32::from(p) - BELOW_SERVICES).max(1));
+    // What the host refuses the services say themselves.
+    let _ = realtime::apply(&Wish { priority, ..Wish::default() });
+}
+
+/// Removes what a crashed run left, after its last seconds are saved beside its log.
+fn clear_left_overs(lock: &BenchLock, observer: &mut dyn Observer) -> Result<(), RunError> {
+    if !table::list_bench(lock.bench()).map_err(RunError::Table)?.is_empty() {
+        // Whoever still writes there is asked first: a live bench's blackbox is not ours to save.
+        match table::writers_alive(lock.bench()).map_err(RunError::Table)? {
+            Some((region, pid)) => return Err(RunError::StillRunning { region, pid }),
+            None => observer.note(&crate::save_before_cleaning(lock)),
+        }
+    }
+    let left = table::remove_bench(lock).map_err(RunError::Table)?;
+    if left > 0 {
+        observer.note(&format!("removed {left} segments left over from an earlier run of this bench"));
+    }
+    Ok(())
+}
+
+/// Takes over a running bench whose supervisor died, and sees it to its end.
+pub(crate) fn attach(
+    attach: &Attach,
+    interrupt: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<(Run, Outcome), RunError> {
+    let lock = attach.bench.lock().map_err(RunError::Table)?;
+    let no_run = |why: String| RunError::NothingToAttach { bench: attach.bench.name().to_string(), why };
+    let manifest =
+        Manifest::read(&attach.bench.directory()).map_err(|e| no_run(format!("it has no manifest ({e})")))?;
+    if manifest.drive == Drive::Lockstep {
+        return Err(no_run("a lockstep run ends with its supervisor".to_owned()));
+    }
+    let scenario = &manifest.resolved.scenario;
+    let period_s = scenario.timing.period_s();
+    let table = Table::adopt(&lock, &region_specs(period_s)).map_err(RunError::Table)?;
+    let t0 = table.info().map_or(0, |info| info.t0_ns);
+    let running =
+        [RegionId::RigMeasurement, RegionId::VehicleState, RegionId::SuspensionState, RegionId::LoggerStatus]
+            .map(|id| table.reader(id as usize).header().writer().filter(|&w| table::is_alive(w)));
+    if t0 == 0 || running.iter().all(Option::is_none) {
+        return Err(no_run(format!(
+            "none of its services runs any more; `kingpin blackbox --name {0}` saves its last seconds, \
+             `kingpin clean --name {0}` removes what it left",
+            attach.bench.name()
+        )));
+    }
+    let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
+    let mut last = BenchRegion::absent();
+    let spoken = bench.reader().latest(bench.head(), last.words_mut());
+    let run = Run::of_manifest(attach, &manifest);
+    raise(&run);
+    let grid = Grid { t0, period: scenario.timing.period_ns() };
+    let mut operator = Operator::new(run.plan(), period_s, attach.rearm);
+    if spoken.is_some() {
+        operator.resume(&last);
+    }
+    let executable = std::env::current_exe().map_err(|e| RunError::Io("kingpin".into(), e))?;
+    let output = run.directory.join("services.txt");
+    let children = Children::adopt(
+        executable,
+        attach.bench.name().as_str(),
+        &output,
+        attach.restart_delay_ns,
+        running,
+        if spoken.is_some() { last.restarts } else { [0; 4] },
+    );
+    let now = grid.tick_at(clock::now());
+    let alone_s = now.saturating_sub(last.tick) as f64 * period_s;
+    let adopted: Vec<_> = crate::SERVICES.iter().zip(running).filter_map(|(s, r)| r.map(|_| *s)).collect();
+    observer.note(&format!(
+        "took over bench {} at tick {now}: {} running, {alone_s:.2} s without a supervisor",
+        attach.bench.name(),
+        adopted.join(", ")
+    ));
+    let mut cleaner = Cleaner { lock: &lock, children: None };
+    let children = cleaner.children.insert(children);
+    let mut watchers = Watchers::new(&table);
+    let begin = clock::now();
+    let rearm = attach.rearm;
+    let mut supervision =
+        Supervision { operator: &mut operator, bench: &mut bench, rearm, observer, interrupt };
+    let (interrupted, given_up) = supervision.paced(children, &mut watchers, grid);
+    let outcome = end(children, &mut watchers, observer, period_s, (interrupted, given_up, begin));
+    Ok((run, outcome))
+}
+
+/// The services end by themselves: they know the end. The logger is last.
+fn end(
+    children: &mut Children,
+    watchers: &mut Watchers,
+    observer: &mut dyn Observer,
+    period_s: f64,
+    (interrupted, given_up, begin): (bool, Option<String>, Nanos),
+) -> Outcome {
     let limit = clock::now() + END_MAX_NS;
     while !children.all_ended() && given_up.is_none() && clock::now() < limit {
         for change in children.watch(true) {
-            observer.note(&describe(&change));
+            observer.note(&change.to_string());
         }
-        clock::sleep_until(clock::now() + LOOK_NS, 0);
+        children.wait(LOOK_NS);
     }
     let wall_s = (clock::now() - begin) as f64 * 1e-9;
     watchers.look();
-    Ok(Outcome {
+    Outcome {
         ticks: watchers.rig.head(),
         wall_s,
         period_s,
@@ -111,7 +220,7 @@ pub(crate) fn run(
         restarts: children.restarts(),
         given_up,
         logged: watchers.logged,
-    })
+    }
 }
 
 /// What the services said so far.
@@ -135,8 +244,8 @@ fn wait_until_ready(
             .iter()
             .map(|&id| (id, id.region()))
             .filter(|(id, region)| {
-                region.writer != "supervisor"
-                    && region.layout.name != "Timing"
+                crate::SERVICES.contains(&region.writer)
+                    && region.layout.name != Timing::LAYOUT.name
                     && *id != RegionId::LoggerStatus
                     && (with_can || region.writer != "can")
             })
@@ -146,37 +255,28 @@ fn wait_until_ready(
         if unclaimed.is_empty() {
             return Ok(());
         }
-        if let Some((service, how)) = children.early_death() {
+        if let Some((service, how, _)) = children.early_death() {
             return Err(RunError::ServiceEnded { service, how, said: said(output) });
         }
         if clock::now() > limit || (interrupt.load(Ordering::Relaxed) && drive == Drive::Paced) {
             return Err(RunError::NotReady { unclaimed });
         }
-        clock::sleep_until(clock::now() + 2_000_000, 0);
-    }
-}
-
-fn describe(change: &Change) -> String {
-    match change {
-        Change::Died { service, how } => format!("service {service} died ({how})"),
-        Change::Restarted { service } => format!("service {service} was started again"),
-        Change::GivenUp { service, how } => {
-            format!("service {service} died too often ({how}) and is given up: the run ends")
-        }
+        children.wait(2_000_000);
     }
 }
 
 struct Supervision<'a> {
-    plan: &'a mut RunPlan,
+    operator: &'a mut Operator,
     bench: &'a mut RegionWriter,
+    rearm: bool,
     observer: &'a mut dyn Observer,
     interrupt: &'a AtomicBool,
 }
 
 impl Supervision<'_> {
-    fn publish(&mut self, n: u64, children: &Children) {
+    fn publish(&mut self, n: u64, children: &Children, watchers: &Watchers) {
         if n >= self.bench.head() {
-            let mut words = self.plan.at(n);
+            let mut words = self.operator.step(n, &watchers.status);
             words.alive = children.alive();
             words.restarts = children.restarts();
             // Sole writer, and `n` is not yet published.
@@ -188,7 +288,7 @@ impl Supervision<'_> {
     fn watch(&mut self, children: &mut Children) -> Option<String> {
         let mut verdict = None;
         for change in children.watch(false) {
-            let line = describe(&change);
+            let line = change.to_string();
             self.observer.note(&line);
             if matches!(change, Change::GivenUp { .. }) {
                 verdict = Some(line);
@@ -205,30 +305,31 @@ impl Supervision<'_> {
     ) -> (bool, Option<String>) {
         let (mut interrupted, mut given_up) = (false, None);
         loop {
-            clock::sleep_until(clock::now() + LOOK_NS, 0);
+            children.wait(LOOK_NS);
             let n = grid.tick_at(clock::now());
-            if n >= self.plan.end {
+            if n >= self.operator.plan.end {
                 // The last word on the end must be there for whoever restarts now.
-                self.publish(self.plan.end, children);
+                let end = self.operator.plan.end.max(self.bench.head());
+                self.publish(end, children, watchers);
                 return (interrupted, given_up);
-            }
-            watchers.look();
-            if self.interrupt.load(Ordering::Relaxed) && !interrupted {
-                interrupted = true;
-                self.plan.stop_at(n);
-            }
-            if watchers.status.state == TRIPPED {
-                // Latched: nothing more to be had from this run but the record of how it got there.
-                self.plan.stop_at(n);
             }
             if given_up.is_none() {
                 given_up = self.watch(children);
                 if given_up.is_some() {
-                    self.plan.stop_at(n);
+                    self.operator.plan.stop_at(n);
                 }
             }
-            self.publish(n, children);
-            self.observer.progress(n, self.plan.end, &watchers.status);
+            watchers.look();
+            if self.interrupt.load(Ordering::Relaxed) && !interrupted {
+                interrupted = true;
+                self.operator.plan.stop_at(n);
+            }
+            if watchers.status.state == TRIPPED && !self.rearm {
+                // Latched: nothing more to be had from this run but the record of how it got there.
+                self.operator.plan.stop_at(n);
+            }
+            self.publish(n, children, watchers);
+            self.observer.progress(n, self.operator.plan.end, &watchers.status);
         }
     }
 
@@ -244,23 +345,27 @@ impl Supervision<'_> {
             let n = self.bench.head();
             if self.interrupt.load(Ordering::Relaxed) && !interrupted {
                 interrupted = true;
-                self.plan.stop_at(n);
+                self.operator.plan.stop_at(n);
             }
-            let until = (watchers.logged.read_tick + credit).min(self.plan.end);
+            let until = (watchers.logged.read_tick + credit).min(self.operator.plan.end);
             for tick in n..until {
-                self.publish(tick, &*children);
+                // By the plan alone: what the rig said when this was written would depend on scheduling.
+                let mut words = self.operator.plan.at(tick);
+                words.alive = children.alive();
+                let _ = self.bench.write(tick, words.words());
             }
             if until > n {
                 self.bench.ring();
             }
-            self.observer.progress(watchers.rig.head(), self.plan.end, &watchers.status);
-            if watchers.rig.head() >= self.plan.end {
+            let end = self.operator.plan.end;
+            self.observer.progress(watchers.rig.head(), end, &watchers.status);
+            if watchers.rig.head() >= end {
                 return (interrupted, None);
             }
             // In lockstep a death ends the run: a restart would make it depend on when it happened.
-            if let Some((service, how)) = children.early_death()
-                && watchers.rig.head() < self.plan.end
-                && !(how == "exit status 0" && n >= self.plan.end)
+            if let Some((service, how, clean)) = children.early_death()
+                && watchers.rig.head() < end
+                && !(clean && n >= end)
             {
                 let line = format!("service {service} died ({how}): a lockstep run cannot go on without it");
                 self.observer.note(&line);

@@ -1,9 +1,10 @@
 //! The car by itself: its files put together, for the bench and for runs without one.
 
-use crate::{AssemblyError, axle_kinematics};
+use crate::{AssemblyError, axle_kinematics_in};
 use config::axle::Axle;
 use config::car::{Car, SteeringSystem};
 use config::{ResolvedCar, TextFile};
+use std::path::Path;
 use tyre::Tyre;
 use vehicle::{AxleKinematics, Vehicle};
 
@@ -12,15 +13,17 @@ use vehicle::{AxleKinematics, Vehicle};
 /// # Errors
 /// [`AssemblyError`] naming the part and everything that is wrong with it.
 pub fn build_car(resolved: &ResolvedCar, step_s: f64) -> Result<Vehicle, AssemblyError> {
-    let maps = maps(&resolved.car, resolved.front_axle.as_ref(), resolved.rear_axle.as_ref())?;
+    let maps = maps(&resolved.car, resolved.front_axle.as_ref(), resolved.rear_axle.as_ref(), None)?;
     assemble(&resolved.car, maps, &resolved.tyres, step_s)
 }
 
-/// Kinematics maps, front and rear: swept from hardpoints where the car names them, else from its constants.
+/// Kinematics maps, front and rear: swept from hardpoints where the car names them (or found in the directory `kept`), else
+/// from its constants.
 pub(crate) fn maps(
     car: &Car,
     front: Option<&Axle>,
     rear: Option<&Axle>,
+    kept: Option<&Path>,
 ) -> Result<[AxleKinematics; 2], AssemblyError> {
     let b = &car.body;
     let map = |part, hardpoints: Option<&Axle>, axle: &config::car::CarAxle, rack_max_m: f64| match (
@@ -29,7 +32,7 @@ pub(crate) fn maps(
     ) {
         (Some(h), _) => {
             let rack_m = if rack_max_m > 0.0 { h.rack_stroke_m } else { 0.0 };
-            axle_kinematics(h, rack_m).map_err(|faults| AssemblyError::new(part, faults))
+            axle_kinematics_in(h, rack_m, kept).map_err(|faults| AssemblyError::new(part, faults))
         }
         (None, Some(constants)) => AxleKinematics::ideal(constants, axle, b.wheelbase_m, rack_max_m)
             .map_err(|fault| AssemblyError::new(part, [fault])),

@@ -21,7 +21,7 @@ pub mod wheel;
 pub use can_node::{CanNode, CanParts, build_can, can_sources, can_targets, virtual_ecu};
 pub use car::build_car;
 pub use guard::Guard;
-pub use kinematics::axle_kinematics;
+pub use kinematics::{axle_kinematics, axle_kinematics_in};
 
 use config::ResolvedBench;
 use runtime::Model;
@@ -85,9 +85,21 @@ impl std::error::Error for AssemblyError {}
 /// # Errors
 /// [`AssemblyError`] naming the part and everything that is wrong with it.
 pub fn build(kind: ServiceKind, resolved: &ResolvedBench) -> Result<Box<dyn Model>, AssemblyError> {
+    build_in(kind, resolved, None)
+}
+
+/// The same, with what takes long to prepare kept in a directory from one start of a service to the next.
+///
+/// # Errors
+/// As [`build`].
+pub fn build_in(
+    kind: ServiceKind,
+    resolved: &ResolvedBench,
+    kept: Option<&std::path::Path>,
+) -> Result<Box<dyn Model>, AssemblyError> {
     Ok(match kind {
         ServiceKind::Rig => Box::new(rig_node::RigNode::new(resolved)?),
-        ServiceKind::Vehicle => Box::new(vehicle_node::VehicleNode::new(resolved)?),
+        ServiceKind::Vehicle => Box::new(vehicle_node::VehicleNode::new(resolved, kept)?),
         ServiceKind::Multibody => Box::new(multibody_node::MultibodyNode::new(resolved)?),
     })
 }

@@ -31,6 +31,8 @@ pub struct Manifest {
     pub wall_start_ns: u64,
     /// Monotonic clock at the same instant. [ns]
     pub monotonic_start_ns: u64,
+    /// Whether the services obey the orders of a fault campaign.
+    pub faults: bool,
     /// Versions for the log's header.
     pub versions: BTreeMap<String, String>,
     /// Resolved configuration.
@@ -81,8 +83,13 @@ impl Manifest {
         serde_json::from_slice(&text).map_err(|e| ManifestError::Format(path, e))
     }
 
-    /// Removes it at the end of a run.
+    /// Removes it at the end of a run, with what services kept beside it for their restarts.
     pub fn remove(directory: &Path) {
         let _ = std::fs::remove_file(directory.join(FILE));
+        for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(crate::kinematics::CACHE_PREFIX) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
     }
 }

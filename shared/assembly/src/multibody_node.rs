@@ -126,8 +126,8 @@ impl Model for MultibodyNode {
             }
             fill(state, &self.output, &self.ball_design_m);
             state.rack_displacement_m = self.input.rack_m;
-            for side in 0..2 {
-                // Compared where both speak of the same tick.
+            // Compared where both speak of the same tick; a word that was refused is not one.
+            for side in (0..2).filter(|_| vehicle == Verdict::Good) {
                 state.toe_map_error_rad[side] = car.toe_rad[side] - state.toe_rad[side];
                 state.camber_map_error_rad[side] = car.camber_rad[side] - state.camber_rad[side];
             }

@@ -11,8 +11,8 @@ use config::{Broken, ResolvedBench};
 use functional_model::Model as FunctionalModel;
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{
-    Bench, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
-    rig_flags,
+    Bench, Fault, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState,
+    fault_kind, model_flags, rig_flags,
 };
 use rig_control::{ControlDiagnostics, RackEstimate, RigCommand, RigController, SteerCommand, SteerPreview};
 use rig_plant::{Actuation, Channel, ComposedUnit, Measurement, RigEnvironment, VirtualRig};
@@ -41,6 +41,10 @@ const SUPERVISOR_MAX_S: f64 = 10.0;
 const WATCHDOG_S: f64 = 0.02;
 /// A stall is made up for in the virtual plant by at most this. [s]
 const STALL_MAX_S: f64 = 2.0;
+/// No steering angle, rate or speed of a car is that large. [rad], [rad/s], [m/s]
+const IMPLAUSIBLE: f64 = 1e3;
+/// No tie rod carries that much. [N]
+const IMPLAUSIBLE_N: f64 = 1e6;
 /// Corner of the rack-speed observer. [Hz]
 const RACK_SPEED_HZ: f64 = 30.0;
 
@@ -72,6 +76,8 @@ pub struct RigNode {
     requests_seen: u64,
     request_pending: OperatorRequest,
     no_supervisor: bool,
+    /// Orders of a fault campaign to the sensors, with the reading that a stuck one holds.
+    sensor_faults: [Option<(Fault, f64)>; 4],
     status: RigStatus,
 }
 
@@ -193,6 +199,7 @@ impl RigNode {
             requests_seen: 0,
             request_pending: OperatorRequest::SwitchOn,
             no_supervisor: false,
+            sensor_faults: [None; 4],
             status,
         })
     }
@@ -210,12 +217,35 @@ impl RigNode {
         }
     }
 
+    /// What a campaign's orders make of the readings of tick `n`.
+    fn spoil_sensors(&mut self, n: u64) {
+        for slot in &mut self.sensor_faults {
+            let Some((order, held)) = slot else { continue };
+            if n >= order.end_tick {
+                *slot = None;
+                continue;
+            }
+            let mut readings = self.measurement.channels();
+            let channel = order.value[0] as usize;
+            let Some(reading) = readings.get_mut(channel).filter(|_| n >= order.from_tick) else { continue };
+            let mut validity = self.measurement.validity;
+            match order.value[1] as u64 {
+                0 => validity &= !(1 << channel),
+                1 if held.is_nan() => *held = *reading,
+                1 => *reading = *held,
+                _ => *reading += order.value[2],
+            }
+            self.measurement = Measurement::from_channels(&readings, validity);
+        }
+    }
+
     fn sample(&mut self, step: &Step, output: &mut [u64]) {
         let first = !std::mem::replace(&mut self.started, true);
         // A rig that was started again has a plant that was started again: at rest, and off.
         self.missed = if first { 0 } else { step.skipped };
         self.pass(self.missed);
         self.plant.sample(&mut self.measurement);
+        self.spoil_sensors(step.n);
         let m = &self.measurement;
         let mut region = RigMeasurement::absent();
         region.tick = step.n;
@@ -278,9 +308,16 @@ impl RigNode {
         }
 
         let unfit = model_flags::STALE | model_flags::HELD_POSE | model_flags::MODEL_FAULT;
-        let finite =
-            suspension.tie_rod_force_n.iter().chain(&suspension.ball_height_m).all(|v| v.is_finite());
-        let fresh = input.fresh() && car_input.fresh() && finite && suspension.flags & unfit == 0;
+        // Nonsense is no command; what is merely too much, safety clamps or trips on.
+        let finite = suspension.tie_rod_force_n.iter().all(|f| f.abs() < IMPLAUSIBLE_N)
+            && suspension
+                .ball_height_m
+                .iter()
+                .chain(&suspension.ball_height_speed_m_s)
+                .all(|v| v.abs() < IMPLAUSIBLE);
+        let steer = [car.steering_wheel_angle_command_rad, car.steering_wheel_rate_command_rad_s];
+        let sane = steer.iter().chain(&car.velocity_m_s).all(|v| v.abs() < IMPLAUSIBLE);
+        let fresh = input.fresh() && car_input.fresh() && finite && sane && suspension.flags & unfit == 0;
         if fresh {
             self.stale = 0;
             self.used = [input.tick(), car_input.tick(), self.used[2]];
@@ -398,6 +435,14 @@ impl RigNode {
 impl Model for RigNode {
     fn nodes(&self) -> &'static [NodeSpec] {
         NODES
+    }
+
+    fn fault(&mut self, order: &Fault) {
+        if order.kind == fault_kind::SENSOR
+            && let Some(free) = self.sensor_faults.iter_mut().find(|slot| slot.is_none())
+        {
+            *free = Some((*order, f64::NAN));
+        }
     }
 
     fn step(&mut self, node: usize, step: &Step, inputs: &Inputs, output: &mut [u64]) {

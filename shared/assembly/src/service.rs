@@ -3,12 +3,12 @@
 //! Everything that can fail for the user's sake fails before the claim; a claimed region says "ready".
 
 use crate::manifest::{Drive, Manifest, ManifestError};
-use crate::{AssemblyError, ServiceKind, build};
+use crate::{AssemblyError, ServiceKind, build_in};
 use regions::{Bench as BenchRegion, NO_TICK, Payload, RegionId};
 use runtime::clock::{self, Grid, Nanos, SECOND};
 use runtime::lockstep::Patience;
 use runtime::realtime::Wish;
-use runtime::{Bound, Model, TickError, lockstep, paced, realtime, region_specs};
+use runtime::{Bound, Hooks, Model, TickError, lockstep, paced, realtime, region_specs};
 use table::{Bench, OpenOptions, RegionReader, Table, TableError};
 
 /// How long a service waits for the supervisor to start the run. [ns]
@@ -111,26 +111,33 @@ pub fn serve(kind: ServiceKind, bench: &Bench, mut note: impl FnMut(&str)) -> Re
     let manifest = Manifest::read(&bench.directory()).map_err(ServiceError::Manifest)?;
     let scenario = &manifest.resolved.scenario;
     let table = open_table(bench, &manifest).map_err(ServiceError::Table)?;
-    let model = build(kind, &manifest.resolved).map_err(ServiceError::Assembly)?;
     let lock = manifest.drive == Drive::Lockstep;
-    let mut bound: Bound<dyn Model> = Bound::new(model, &table, lock).map_err(ServiceError::Tick)?;
-    let realtime = &scenario.realtime;
+    let wanted = &scenario.realtime;
     let core = match kind {
-        ServiceKind::Rig => realtime.cores.rig,
-        ServiceKind::Vehicle => realtime.cores.vehicle,
-        ServiceKind::Multibody => realtime.cores.multibody,
+        ServiceKind::Rig => wanted.cores.rig,
+        ServiceKind::Vehicle => wanted.cores.vehicle,
+        ServiceKind::Multibody => wanted.cores.multibody,
     };
     // In lockstep a real-time priority would only starve the logger it waits for.
     let wish = Wish {
         core: core.map(usize::from),
-        priority: if lock { None } else { realtime.priority.map(|p| i32::from(p) + kind.priority_offset()) },
-        lock_memory: realtime.lock_memory && !lock,
+        priority: if lock { None } else { wanted.priority.map(|p| i32::from(p) + kind.priority_offset()) },
+        lock_memory: false,
     };
-    for line in realtime::apply(&wish) {
+    // Priority and core before the model is built: a restart must not wait for everybody else on a busy host.
+    let mut refused = realtime::apply(&wish);
+    let model =
+        build_in(kind, &manifest.resolved, Some(&bench.directory())).map_err(ServiceError::Assembly)?;
+    let mut bound: Bound<dyn Model> = Bound::new(model, &table, lock).map_err(ServiceError::Tick)?;
+    refused.extend(realtime::apply(&Wish { lock_memory: wanted.lock_memory && !lock, ..Wish::default() }));
+    for line in refused {
         note(&line);
     }
     let t0 = wait_for_start(&table).map_err(ServiceError::Tick)?;
     let restored = bound.restore(&table);
+    if manifest.faults {
+        bound.set_hooks(Hooks::new(&table, kind as u64));
+    }
     let mut watch = EndWatch::new(&table, scenario.timing.period_s());
     let end = |n: u64| watch.ended(n, manifest.drive);
     let grid = Grid { t0, period: scenario.timing.period_ns() };
@@ -177,4 +184,4 @@ pub fn serve(kind: ServiceKind, bench: &Bench, mut note: impl FnMut(&str)) -> Re
 }
 
 /// Bounded spin around the times aimed at; well under what real-time throttling takes offence at. [ns]
-const SPIN_NS: Nanos = 20_000;
+pub const SPIN_NS: Nanos = 20_000;

@@ -10,6 +10,7 @@ use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{NO_TICK, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
 use road::{Place, Road};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
+use std::path::Path;
 use vehicle::{AxleKinematics, GearMode, RoadContact, Vehicle, VehicleInput, VehicleOutput, WHEELS};
 
 const READS: &[InputSpec] = &[InputSpec { region: RegionId::RigMeasurement, when: When::SameTick }];
@@ -48,12 +49,12 @@ impl VehicleNode {
     ///
     /// # Errors
     /// Everything that is wrong with them.
-    pub fn new(resolved: &ResolvedBench) -> Result<Self, AssemblyError> {
+    pub fn new(resolved: &ResolvedBench, kept: Option<&Path>) -> Result<Self, AssemblyError> {
         let scenario = &resolved.scenario;
         let period_s = scenario.timing.period_s();
         let manoeuvre = Manoeuvre::new(scenario, resolved.record.as_ref())
             .map_err(|fault| AssemblyError::new("scenario", [fault]))?;
-        let vehicle = build_vehicle(resolved, period_s)?;
+        let vehicle = build_vehicle(resolved, period_s, kept)?;
         let driver = match &scenario.steer {
             Steer::Path(following) => Some(PathDriver::new(following)),
             _ => None,
@@ -87,7 +88,18 @@ impl VehicleNode {
             last,
         };
         let input = node.input(0.0);
-        node.vehicle.reset(node.manoeuvre.initial_speed_m_s(), &input);
+        // Settling takes a thousand steps: a restarted service finds the state there.
+        let settled = kept.map(|kept| kept.join(settled_name(resolved)));
+        let mut state = vec![0.0; node.vehicle.state_len()];
+        if settled.as_ref().is_some_and(|file| read_state(file, &mut state)) {
+            node.vehicle.load_state(&state);
+        } else {
+            node.vehicle.reset(node.manoeuvre.initial_speed_m_s(), &input);
+            if let Some(file) = settled {
+                node.vehicle.save_state(&mut state);
+                write_state(&file, &state);
+            }
+        }
         if let Some(driveline) = &mut node.driveline {
             let (spin, demand) = (spins(&node.vehicle), node.vehicle.drive_demand());
             let drive = driveline.settle(&spin, &demand, period_s);
@@ -132,10 +144,38 @@ impl VehicleNode {
     }
 }
 
+/// Name of the file for the settled state of a car: of everything that it depends on.
+fn settled_name(resolved: &ResolvedBench) -> String {
+    format!("{}settled-{}.f64", crate::kinematics::CACHE_PREFIX, resolved.hash())
+}
+
+fn read_state(file: &Path, state: &mut [f64]) -> bool {
+    let Ok(bytes) = std::fs::read(file) else { return false };
+    let (words, rest) = bytes.as_chunks::<8>();
+    if words.len() != state.len() || !rest.is_empty() {
+        return false;
+    }
+    for (value, word) in state.iter_mut().zip(words) {
+        *value = f64::from_le_bytes(*word);
+    }
+    state.iter().all(|value| value.is_finite())
+}
+
+fn write_state(file: &Path, state: &[f64]) {
+    let bytes: Vec<u8> = state.iter().flat_map(|value| value.to_le_bytes()).collect();
+    // Whole or not at all; a file that cannot be written costs the next start its time.
+    let draft = file.with_extension(std::process::id().to_string());
+    let _ = std::fs::write(&draft, bytes).and_then(|()| std::fs::rename(&draft, file));
+}
+
 /// The car of a resolved bench, at rest at its static equilibrium.
-pub(crate) fn build_vehicle(resolved: &ResolvedBench, period_s: f64) -> Result<Vehicle, AssemblyError> {
+pub(crate) fn build_vehicle(
+    resolved: &ResolvedBench,
+    period_s: f64,
+    kept: Option<&Path>,
+) -> Result<Vehicle, AssemblyError> {
     let front_axle = Some(&resolved.front_axle);
-    let maps = car::maps(&resolved.car, front_axle, resolved.rear_axle.as_ref())?;
+    let maps = car::maps(&resolved.car, front_axle, resolved.rear_axle.as_ref(), kept)?;
     sense(&maps[0], resolved)?;
     let mut vehicle = car::assemble(&resolved.car, maps, &resolved.tyres, period_s)?;
     if let Some(section) = &resolved.scenario.equations {

@@ -85,6 +85,8 @@ pub struct LogFile {
     pub scan: ScanReport,
     /// First and last tick of any region in it.
     pub ticks: Option<(u64, u64)>,
+    /// Wall clock at tick 0 as this file has it; `None` if its head is damaged. \[ns\]
+    pub wall_start_ns: Option<u64>,
 }
 
 /// A signal over time.
@@ -376,7 +378,9 @@ impl Loader<'_> {
             }
             other => head.take(&other),
         })?;
-        Ok((LogFile { path, scan: report, ticks }, head.header()))
+        let header = head.header();
+        let wall_start_ns = header.as_ref().map(|header| header.wall_start_ns);
+        Ok((LogFile { path, scan: report, ticks, wall_start_ns }, header))
     }
 
     /// The region a channel belongs to, made at its first message.

@@ -18,11 +18,20 @@ const COLLECT_BYTES: usize = 256 << 10;
 pub(crate) trait Medium: Write + Send {
     /// Waits until the bytes survive loss of power.
     fn sync_data(&self) -> io::Result<()>;
+    /// How many names the file has in its directories; `None` when that cannot be told.
+    fn links(&self) -> Option<u64> {
+        None
+    }
 }
 
 impl Medium for std::fs::File {
     fn sync_data(&self) -> io::Result<()> {
         std::fs::File::sync_data(self)
+    }
+
+    fn links(&self) -> Option<u64> {
+        use std::os::unix::fs::MetadataExt;
+        self.metadata().ok().map(|data| data.nlink())
     }
 }
 

@@ -144,20 +144,30 @@ impl LogWriter {
         &self.header
     }
 
-    /// Writes the words of a region of a tick.
-    pub fn write(&mut self, region: RegionId, tick: u64, words: &[u64]) {
+    /// Names of the file in its directories: 0 when it was removed. `None` when that cannot be told.
+    pub fn links(&self) -> Option<u64> {
+        self.sink.lock().file().links()
+    }
+
+    /// Whether it still takes messages: not after the disk has refused bytes for too long.
+    pub fn is_open(&self) -> bool {
+        self.writer.is_some()
+    }
+
+    /// Writes the words of a region of a tick; `false` when they are lost.
+    pub fn write(&mut self, region: RegionId, tick: u64, words: &[u64]) -> bool {
         let expected = region.region().layout.words();
         debug_assert_eq!(words.len(), expected, "{}", region.region().name);
         if words.len() != expected {
             self.stats.refused += 1;
-            return;
+            return false;
         }
         self.buffer.clear();
         self.buffer.extend_from_slice(&CDR_HEADER);
         self.buffer.extend_from_slice(bytemuck::cast_slice(words));
-        if self.put(self.channels[region as usize], tick) {
-            self.stats.messages += 1;
-        }
+        let put = self.put(self.channels[region as usize], tick);
+        self.stats.messages += u64::from(put);
+        put
     }
 
     /// Writes an event: what happened at which tick, with any detail, a text or a JSON value.

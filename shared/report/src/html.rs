@@ -43,8 +43,8 @@ pub fn plotly_js() -> &'static str {
     &SCRIPT
 }
 
-const STYLE: &str = include_str!("report.css");
-const SCRIPT: &str = include_str!("report.js");
+pub(crate) const STYLE: &str = include_str!("report.css");
+pub(crate) const SCRIPT: &str = include_str!("report.js");
 
 /// The report on a run as an HTML file.
 pub fn report_html(log: &LogReader, options: &ReportOptions) -> String {

@@ -9,6 +9,7 @@ mod figure;
 mod figures;
 mod html;
 mod overlay;
+mod page;
 mod procedure;
 mod published;
 mod run;
@@ -18,6 +19,7 @@ mod verdict;
 
 pub use html::{ReportOptions, plotly_js, report_html};
 pub use overlay::{Overlay, OverlayResult};
+pub use page::{Curve, Plot, Rows, page_html};
 pub use procedure::{
     Entry, Procedure, angle_per_rack, assess, assessment_json, assessment_text, procedure_html, signals,
 };

@@ -6,6 +6,7 @@
 
 use rustix::thread::ClockId;
 use rustix::time::Timespec;
+use std::sync::atomic::{AtomicI64, Ordering};
 
 /// Nanoseconds of CLOCK_MONOTONIC.
 pub type Nanos = u64;
@@ -19,10 +20,19 @@ pub fn now() -> Nanos {
     t.tv_sec as u64 * SECOND + t.tv_nsec as u64
 }
 
+/// Steps of the wall clock that a fault campaign pretends. [ns]
+static WALL_STEP_NS: AtomicI64 = AtomicI64::new(0);
+
 /// Nanoseconds of the wall clock since 1970, for file names and log headers only.
 pub fn wall_now() -> Nanos {
     let t = rustix::time::clock_gettime(rustix::time::ClockId::Realtime);
-    t.tv_sec.max(0) as u64 * SECOND + t.tv_nsec as u64
+    let now = t.tv_sec.max(0) as u64 * SECOND + t.tv_nsec as u64;
+    now.saturating_add_signed(WALL_STEP_NS.load(Ordering::Relaxed))
+}
+
+/// Makes this process's wall clock step, as a time server or an operator does. For fault campaigns.
+pub fn step_wall(step_s: f64) {
+    WALL_STEP_NS.fetch_add((step_s * SECOND as f64) as i64, Ordering::Relaxed);
 }
 
 /// Sleeps to the absolute time `until`, spinning the last `spin` nanoseconds. Returns at once when past.

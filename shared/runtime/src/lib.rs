@@ -8,12 +8,14 @@
 //! Invariant: every wait has an end.
 
 pub mod clock;
+mod hooks;
 pub mod lockstep;
 mod node;
 pub mod paced;
 pub mod realtime;
 mod specs;
 
+pub use hooks::Hooks;
 pub use node::{Bound, Input, InputSpec, Inputs, Model, NodeSpec, Step, When};
 pub use specs::region_specs;
 

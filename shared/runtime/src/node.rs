@@ -5,7 +5,8 @@
 //! is one, the checkpoint. It reads no clock: time is the tick.
 
 use crate::TickError;
-use regions::{NO_TICK, Payload, RegionId};
+use crate::hooks::Hooks;
+use regions::{Fault, NO_TICK, Payload, RegionId, fault_kind};
 use table::{Read, RegionReader, RegionWriter, Table};
 
 /// When an input is read.
@@ -77,6 +78,18 @@ impl Input {
         if self.tick == NO_TICK { u64::MAX } else { n.saturating_sub(self.tick) }
     }
 
+    /// What a process that was there all along would have in its hands behind tick `n`: the newest recorded words
+    /// up to it, as far back as [`PRIMED_TICKS_MAX`].
+    fn prime(&mut self, n: u64) {
+        let newest = self.reader.head().saturating_sub(1).min(n);
+        for tick in (newest.saturating_sub(PRIMED_TICKS_MAX)..=newest).rev() {
+            if self.reader.read(tick, &mut self.words) == Read::Ready {
+                self.tick = tick;
+                return;
+            }
+        }
+    }
+
     fn refresh(&mut self, n: u64, when: When, lockstep: bool) {
         self.fresh = false;
         if when == When::SameTick || lockstep {
@@ -88,6 +101,9 @@ impl Input {
         }
     }
 }
+
+/// How far back a restarted node looks for its last inputs. [ticks]
+const PRIMED_TICKS_MAX: u64 = 64;
 
 /// The inputs of a step, in the order declared.
 #[derive(Debug)]
@@ -121,6 +137,11 @@ pub trait Model: Send {
         let _ = (n, words);
     }
 
+    /// A fault that a campaign asks of the model itself (a sensor, a message on the bus). Most have none.
+    fn fault(&mut self, order: &Fault) {
+        let _ = order;
+    }
+
     /// Takes a checkpoint's state over; `false` when it is not one of this model.
     fn restore(&mut self, words: &[u64]) -> bool {
         let _ = words;
@@ -142,6 +163,7 @@ pub struct Bound<M: Model + ?Sized> {
     nodes: Box<[BoundNode]>,
     lockstep: bool,
     last: Option<u64>,
+    hooks: Option<Hooks>,
     model: Box<M>,
 }
 
@@ -178,7 +200,7 @@ impl<M: Model + ?Sized> Bound<M> {
                 refused: 0,
             });
         }
-        Ok(Bound { nodes: bound.into(), lockstep, last: None, model })
+        Ok(Bound { nodes: bound.into(), lockstep, last: None, hooks: None, model })
     }
 
     /// Takes over the newest checkpoint of the first node that has one. Returns its tick.
@@ -190,7 +212,28 @@ impl<M: Model + ?Sized> Bound<M> {
         let latest = reader.latest(reader.head(), &mut words)?;
         let restored = self.model.restore(&words).then_some(latest.tick)?;
         self.last = Some(restored);
+        for node in &mut self.nodes {
+            for input in &mut node.inputs.0 {
+                input.prime(restored);
+            }
+        }
         Some(restored)
+    }
+
+    /// Obeys the orders of a fault campaign from now on.
+    pub fn set_hooks(&mut self, hooks: Hooks) {
+        self.hooks = Some(hooks);
+    }
+
+    /// Takes in new orders before tick `n`; the hooks then say what the driver has to do about them.
+    pub fn look_at_orders(&mut self, n: u64) -> Option<&mut Hooks> {
+        let hooks = self.hooks.as_mut()?;
+        while let Some(order) = hooks.look(n) {
+            if matches!(order.kind, fault_kind::SENSOR | fault_kind::CAN) {
+                self.model.fault(&order);
+            }
+        }
+        Some(hooks)
     }
 
     /// Node `node`, as declared.
@@ -261,6 +304,17 @@ impl<M: Model + ?Sized> Bound<M> {
             }
         }
         self.model.step(node, &Step { n, caught_up, skipped }, &bound.inputs, &mut bound.output);
+        if node == 0
+            && let Some(hooks) = &self.hooks
+        {
+            hooks.corrupt(n, &bound.spec.writes.region().layout, &mut bound.output);
+            // Not for a tick that is caught up: its order has already killed the process that was to write it.
+            if hooks.torn(n) && !caught_up {
+                let _ = bound.writer.write_interrupted(n, &bound.output);
+                hooks.die();
+                return Ok(());
+            }
+        }
         if bound.writer.write(n, &bound.output).is_err() {
             // Only after a restart: the dead writer had published this tick before its checkpoint.
             bound.refused += 1;

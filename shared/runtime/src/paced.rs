@@ -87,6 +87,27 @@ impl Clockwork {
     }
 }
 
+/// Does to this service what a campaign asks for before tick `n`: computing for nothing, a step of the wall clock.
+fn disturb(bound: &mut Bound<dyn Model>, grid: Grid, n: u64) {
+    let Some(hooks) = bound.look_at_orders(n) else { return };
+    if let Some(step_s) = hooks.clock_step_s(n) {
+        clock::step_wall(step_s);
+    }
+    if let Some(stall_s) = hooks.stall_s(n) {
+        let until = clock::now().max(grid.at(n, 0.0)) + (stall_s * clock::SECOND as f64) as Nanos;
+        while clock::now() < until {
+            std::hint::spin_loop();
+        }
+    }
+}
+
+/// Starts the step of tick `n` late if a campaign asks for it.
+fn delay(bound: &mut Bound<dyn Model>, grid: Grid, n: u64) {
+    if let Some(phase) = bound.look_at_orders(n).and_then(|hooks| hooks.late(n)) {
+        clock::sleep_until(grid.at(n, phase), 0);
+    }
+}
+
 /// Runs a follower until `end(n)`: the vehicle and the multibody service.
 ///
 /// # Errors
@@ -117,6 +138,7 @@ pub fn follow(
                 n = reachable;
             }
             while n < current && !end(n) {
+                bound.look_at_orders(n);
                 let start = clock::now();
                 bound.tick(0, n, true)?;
                 clockwork.timing.caught_up_count += 1;
@@ -128,9 +150,11 @@ pub fn follow(
             bound.ring(0);
             continue;
         }
+        disturb(bound, grid, n);
         let latest = grid.at(n, plan.latest_start);
         let wait = Wait::due(grid.at(n, plan.due), plan.spin_lead_ns, plan.spin_tail_ns, latest);
         let arrived = trigger.wait_for(n, &wait);
+        delay(bound, grid, n);
         let start = clock::now();
         if !arrived {
             clockwork.timing.missed_count += 1;
@@ -170,9 +194,11 @@ pub fn lead(
             clockwork.timing.missed_count += current - n;
             n = current;
         }
+        disturb(bound, grid, n);
         let aimed = grid.at(n, 0.0);
         let on_time = clock::now() <= aimed;
         clock::sleep_until(aimed, plan.spin_ns);
+        delay(bound, grid, n);
         let start = clock::now();
         clockwork.woke(aimed, start);
         bound.tick(0, n, !on_time)?;

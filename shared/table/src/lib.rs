@@ -62,7 +62,9 @@ pub use error::TableError;
 pub use header::{HEADER_WORDS, Header, MAGIC, ProcessId};
 pub use process::{is_alive, this_process};
 pub use region::{RegionReader, RegionWriter};
-pub use segment::{Found, list_bench, list_benches, list_segments, remove_bench, segment_name};
+pub use segment::{
+    Found, list_bench, list_benches, list_segments, remove_bench, segment_name, writers_alive,
+};
 pub use slot::{Latest, Read, Refused};
 pub use spec::{BenchName, Layout, RegionSpec, TableInfo};
 pub use table::{CreateOptions, OpenOptions, Table};

@@ -325,6 +325,24 @@ pub fn list_benches() -> Result<Vec<BenchName>, TableError> {
     Ok(names)
 }
 
+/// A region of the bench that a live process other than this one writes, and that process.
+///
+/// # Errors
+/// As [`list_segments`].
+pub fn writers_alive(bench: &Bench) -> Result<Option<(String, u32)>, TableError> {
+    for found in list_bench(bench)? {
+        // A segment that cannot be opened has no writer.
+        if let Ok(segment) = Segment::open(&found.bench, &found.region, None, Mode::Read, false)
+            && let Some(writer) = Header::new(segment.fields()).writer()
+            && writer.pid != std::process::id()
+            && is_alive(writer)
+        {
+            return Ok(Some((found.region, writer.pid)));
+        }
+    }
+    Ok(None)
+}
+
 /// Removes every segment of the bench, whatever its layout. Mappings that exist stay valid. Returns their number.
 ///
 /// # Errors
@@ -335,16 +353,9 @@ pub fn remove_bench(lock: &BenchLock) -> Result<usize, TableError> {
     let mut removed = 0;
     let mut first_error = None;
     let all = list_bench(lock.bench())?;
-    for found in &all {
-        // A segment that cannot be opened has no writer.
-        if let Ok(segment) = Segment::open(&found.bench, &found.region, None, Mode::Read, false)
-            && let Some(writer) = Header::new(segment.fields()).writer()
-            && writer.pid != std::process::id()
-            && is_alive(writer)
-        {
-            let what = format!("region {} of bench {}", found.region, found.bench);
-            return Err(TableError::Claimed { what, holder_pid: Some(writer.pid) });
-        }
+    if let Some((region, pid)) = writers_alive(lock.bench())? {
+        let what = format!("region {region} of bench {}", lock.bench().name());
+        return Err(TableError::Claimed { what, holder_pid: Some(pid) });
     }
     for found in all {
         let name = segment_name(&found.bench, &found.region);

@@ -15,6 +15,7 @@ fn kind_of(kind: ListKind) -> Kind {
         ListKind::Units => Kind::Unit,
         ListKind::Models => Kind::Model,
         ListKind::Can => Kind::Can,
+        ListKind::Campaigns => Kind::Campaign,
     }
 }
 
@@ -43,6 +44,7 @@ pub fn list(args: &ListArgs) -> Exit {
         ListKind::Units,
         ListKind::Models,
         ListKind::Can,
+        ListKind::Campaigns,
     ];
     let kinds = args.kind.map_or(all.to_vec(), |kind| vec![kind]);
     let mut json = serde_json::Map::new();
@@ -127,6 +129,7 @@ pub fn schema(args: &SchemaArgs) -> Exit {
         SchemaSection::Rig => config::schema_json::<config::rig::Rig>(),
         SchemaSection::Model => serde_json::from_str(functional_model::schema::JSON).unwrap_or_default(),
         SchemaSection::Can => config::schema_json::<config::can::Can>(),
+        SchemaSection::Campaign => config::schema_json::<config::campaign::Campaign>(),
         SchemaSection::Unit => config::schema_json::<config::unit::SteeringUnit>(),
     });
     Exit::Done

@@ -1,9 +1,13 @@
 //! The commands, one file a group.
 
+mod bench;
+mod blackbox;
 mod can;
 pub mod can_args;
 mod can_bus;
 mod configuration;
+mod doctor;
+mod fault;
 mod history;
 mod log;
 mod model;
@@ -42,7 +46,12 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Vehicle(args) => vehicle::vehicle(&args),
         Command::Rig(args) => rig::rig(&args),
         Command::Can(args) => can::can(&args),
-        Command::Clean(args) => table::clean(&args),
+        Command::Bench(args) => bench::bench(&args),
+        Command::Doctor(args) => doctor::doctor(&args),
+        Command::Fault(args) => fault::fault(&args),
+        Command::Attach(args) => run::attach(&args),
+        Command::Blackbox(args) => blackbox::blackbox(&args),
+        Command::Clean(args) => blackbox::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());
             Exit::Done

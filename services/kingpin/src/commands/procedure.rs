@@ -400,6 +400,9 @@ fn perform(
         directory: directory.to_path_buf(),
         mode: if args.real_time { Mode::Paced } else { Mode::LockstepProcess },
         restart_delay_ns: 0,
+        rearm: false,
+        faults: false,
+        fault_plan: Vec::new(),
         versions: BTreeMap::from([("kingpin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
     };
     let interrupt = Arc::new(AtomicBool::new(false));

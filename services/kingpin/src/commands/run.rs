@@ -1,6 +1,6 @@
 //! `run`: the main job. Resolve, build, run, then log, summary and report.
 
-use crate::args::{Lockstep, RunArgs};
+use crate::args::{AttachArgs, Lockstep, RunArgs};
 use crate::exit::Exit;
 use crate::output;
 use config::ResolvedBench;
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use supervisor::{Mode, Observer, Outcome, Run, RunError};
+use supervisor::{Attach, Mode, Observer, Outcome, Run, RunError};
 use table::{Bench, TableError};
 
 /// `kingpin run`.
@@ -57,43 +57,83 @@ pub fn run(args: &RunArgs) -> Exit {
         Some(Lockstep::Process) => Mode::LockstepProcess,
         Some(Lockstep::Set) => Mode::LockstepSet,
     };
-    let interrupt = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        // A second Ctrl-C kills at once, as people expect.
-        let _ = signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&interrupt));
-        let _ = signal_hook::flag::register(signal, Arc::clone(&interrupt));
-    }
+    let interrupt = interruptible();
     let run = Run {
         bench,
         resolved,
         directory: directory.path.clone(),
         mode,
         restart_delay_ns: (args.restart_delay * 1e9) as u64,
+        rearm: args.rearm,
+        faults: args.faults,
+        fault_plan: Vec::new(),
         versions: versions(),
     };
     let mut view = View::new(&run, args.json);
     let outcome = supervisor::run(&run, &interrupt, &mut view);
     view.bar.finish_and_clear();
     match outcome {
-        Ok(outcome) => finish(args, &run, &outcome),
+        Ok(outcome) => finish(Ending { json: args.json, report: !args.no_report }, &run, &outcome),
         Err(error) => {
             directory.discard();
             if interrupt.load(Ordering::Relaxed) {
                 output::note("interrupted before the run began");
                 return Exit::Interrupted;
             }
-            let exit = match &error {
-                RunError::Table(TableError::BenchName { .. }) | RunError::Assembly(_) => Exit::BadInput,
-                RunError::ServiceEnded { .. } | RunError::Tick(_) | RunError::Service(_) => Exit::Failed,
-                _ => Exit::Unavailable,
-            };
-            refuse(args, exit, &error.to_string())
+            refuse(args, exit_of(&error), &error.to_string())
         }
     }
 }
 
+/// `kingpin attach`.
+pub fn attach(args: &AttachArgs) -> Exit {
+    let bench = match Bench::new(&args.name) {
+        Ok(bench) => bench,
+        Err(error) => return say(args.json, Exit::BadInput, &error.to_string()),
+    };
+    let interrupt = interruptible();
+    let attach = Attach { bench, rearm: args.rearm, restart_delay_ns: 0 };
+    let mut view = View::named(&args.name, args.json);
+    let outcome = supervisor::attach(&attach, &interrupt, &mut view);
+    view.bar.finish_and_clear();
+    match outcome {
+        Ok((run, outcome)) => finish(Ending { json: args.json, report: !args.no_report }, &run, &outcome),
+        Err(error) => say(args.json, exit_of(&error), &error.to_string()),
+    }
+}
+
+/// A flag that Ctrl-C and SIGTERM set.
+pub fn interruptible() -> Arc<AtomicBool> {
+    let interrupt = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        // A second Ctrl-C kills at once, as people expect.
+        let _ = signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&interrupt));
+        let _ = signal_hook::flag::register(signal, Arc::clone(&interrupt));
+    }
+    interrupt
+}
+
+fn exit_of(error: &RunError) -> Exit {
+    match error {
+        RunError::Table(TableError::BenchName { .. }) | RunError::Assembly(_) => Exit::BadInput,
+        RunError::ServiceEnded { .. } | RunError::Tick(_) | RunError::Service(_) => Exit::Failed,
+        _ => Exit::Unavailable,
+    }
+}
+
+/// How a run's end is told.
+#[derive(Debug, Clone, Copy)]
+struct Ending {
+    json: bool,
+    report: bool,
+}
+
 fn refuse(args: &RunArgs, exit: Exit, error: &str) -> Exit {
-    if args.json {
+    say(args.json, exit, error)
+}
+
+fn say(json: bool, exit: Exit, error: &str) -> Exit {
+    if json {
         output::json(&json!({ "error": error }));
     } else {
         output::note(error);
@@ -102,10 +142,12 @@ fn refuse(args: &RunArgs, exit: Exit, error: &str) -> Exit {
 }
 
 /// Summary, report and verdict of a run that was made.
-fn finish(args: &RunArgs, run: &Run, outcome: &Outcome) -> Exit {
+fn finish(args: Ending, run: &Run, outcome: &Outcome) -> Exit {
     let log = match LogReader::open(&run.directory) {
         Ok(log) => log,
-        Err(error) => return refuse(args, Exit::Failed, &format!("the run left no readable log: {error}")),
+        Err(error) => {
+            return say(args.json, Exit::Failed, &format!("the run left no readable log: {error}"));
+        }
     };
     let mut failures = Vec::new();
     let state = regions::state_name(outcome.last_status.state);
@@ -141,10 +183,10 @@ fn finish(args: &RunArgs, run: &Run, outcome: &Outcome) -> Exit {
         "failures": failures,
         "directory": run.directory,
     });
-    let written = super::summary::write_all(&log, &run.directory, !args.no_report, &extra);
+    let written = super::summary::write_all(&log, &run.directory, args.report, &extra);
     let summary = match written {
         Ok(summary) => summary,
-        Err(error) => return refuse(args, Exit::Failed, &error),
+        Err(error) => return say(args.json, Exit::Failed, &error),
     };
     if args.json {
         output::json(&summary);
@@ -208,7 +250,7 @@ fn make_directory(args: &RunArgs, resolved: &ResolvedBench) -> Result<Directory,
 }
 
 /// UTC date and time of Unix seconds, `YYYYMMDD-HHMMSS` (proleptic Gregorian calendar).
-fn timestamp(seconds: u64) -> String {
+pub fn timestamp(seconds: u64) -> String {
     let (days, rest) = (seconds / 86400, seconds % 86400);
     // Days since 0000-03-01 in cycles of 400 years.
     let z = days + 719_468;
@@ -223,7 +265,7 @@ fn timestamp(seconds: u64) -> String {
     format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", rest / 3600, rest / 60 % 60, rest % 60)
 }
 
-fn versions() -> BTreeMap<String, String> {
+pub fn versions() -> BTreeMap<String, String> {
     let kernel = rustix::system::uname();
     BTreeMap::from([
         ("kingpin".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
@@ -241,6 +283,12 @@ struct View {
 
 impl View {
     fn new(run: &Run, quiet: bool) -> Self {
+        let mut view = Self::named(&run.resolved.scenario.name, quiet);
+        view.period_s = run.resolved.scenario.timing.period_s();
+        view
+    }
+
+    fn named(name: &str, quiet: bool) -> Self {
         let bar = ProgressBar::new(0);
         if quiet {
             bar.set_draw_target(ProgressDrawTarget::hidden());
@@ -249,8 +297,8 @@ impl View {
         }
         let style = ProgressStyle::with_template("{prefix} {bar:30} {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        bar.set_prefix(run.resolved.scenario.name.clone());
-        View { bar, period_s: run.resolved.scenario.timing.period_s(), quiet }
+        bar.set_prefix(name.to_owned());
+        View { bar, period_s: 1e-3, quiet }
     }
 }
 

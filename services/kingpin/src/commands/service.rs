@@ -14,12 +14,17 @@ pub fn service(args: &ServiceArgs) -> Exit {
             return Exit::BadInput;
         }
     };
+    if args.service == ServiceName::Load {
+        runtime::realtime::relax();
+    }
     let note = |line: &str| output::note(line);
     let done = match args.service {
         ServiceName::Rig => rig_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Vehicle => vehicle_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Multibody => multibody_service::run(&bench, note).map_err(|e| e.to_string()),
         ServiceName::Can => can_service::run(&bench, note).map_err(|e| e.to_string()),
+        ServiceName::Probe => probe(&bench),
+        ServiceName::Load => super::bench::load::load(),
         ServiceName::Logger => logger::serve(&bench, note).map(drop).map_err(|e| e.to_string()),
     };
     match done {
@@ -29,4 +34,10 @@ pub fn service(args: &ServiceArgs) -> Exit {
             Exit::Failed
         }
     }
+}
+
+/// Reads the manifest and maps the table, as every service does before its own work, and ends.
+fn probe(bench: &Bench) -> Result<(), String> {
+    let manifest = assembly::manifest::Manifest::read(&bench.directory()).map_err(|e| e.to_string())?;
+    assembly::service::open_table(bench, &manifest).map(drop).map_err(|e| e.to_string())
 }

@@ -1,6 +1,6 @@
-//! `table show` and `clean`: looking into shared memory, live or left over, without touching anybody.
+//! `table show`: looking into shared memory, live or left over, without touching anybody.
 
-use crate::args::{CleanArgs, TableArgs, TableCommand, TableShowArgs};
+use crate::args::{TableArgs, TableCommand, TableShowArgs};
 use crate::exit::Exit;
 use crate::output;
 use regions::{Kind, REGIONS, Region, region_by_name};
@@ -51,7 +51,7 @@ fn show(args: &TableShowArgs) -> Result<Exit, TableError> {
 }
 
 /// The bench of that name, or the only one there is. Says on standard error why there is none.
-fn the_bench(name: Option<&str>) -> Result<Option<Bench>, TableError> {
+pub fn the_bench(name: Option<&str>) -> Result<Option<Bench>, TableError> {
     if let Some(name) = name {
         return Bench::new(name).map(Some);
     }
@@ -230,36 +230,4 @@ fn show_region(bench: &Bench, region: &'static Region, args: &TableShowArgs) -> 
         output::line(output::columns(&rows));
     }
     Ok(())
-}
-
-/// `kingpin clean`.
-pub fn clean(args: &CleanArgs) -> Exit {
-    let names = match &args.name {
-        Some(name) => vec![name.clone()],
-        None => match table::list_benches() {
-            Ok(benches) => benches.iter().map(|b| b.as_str().to_owned()).collect(),
-            Err(error) => {
-                output::note(error);
-                return Exit::Unavailable;
-            }
-        },
-    };
-    let mut exit = Exit::Done;
-    for name in names {
-        let removed = Bench::new(&name).and_then(|bench| {
-            let lock = bench.lock()?;
-            table::remove_bench(&lock)
-        });
-        match removed {
-            Ok(count) => output::line(format!("{name}: removed {count} segments")),
-            Err(error) => {
-                // In use: never another run's.
-                output::note(format!("{name}: left alone: {error}"));
-                if args.name.is_some() {
-                    exit = Exit::Unavailable;
-                }
-            }
-        }
-    }
-    exit
 }

@@ -1,0 +1,139 @@
+//! A self-contained page of figures and tables for results that are not a run's: campaigns, timing.
+
+use serde_json::{Value, json};
+
+use crate::figure::{BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE};
+use crate::figure::{Figure, escaped, full};
+use crate::html::{SCRIPT, STYLE, plotly_js};
+
+/// A curve of a [`Plot`].
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Curve {
+    /// Name in the legend.
+    pub name: String,
+    /// Ascending abscissae.
+    pub x: Vec<f64>,
+    /// Ordinates; NaN is a gap.
+    pub y: Vec<f64>,
+    /// Drawn as steps.
+    pub steps: bool,
+}
+
+/// A figure.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Plot {
+    /// Heading.
+    pub title: String,
+    /// A line below it.
+    pub note: String,
+    /// Title of the abscissa, with unit.
+    pub x_title: String,
+    /// Title of the ordinate, with unit.
+    pub y_title: String,
+    /// Logarithmic axes.
+    pub log: [bool; 2],
+    /// Curves.
+    pub curves: Vec<Curve>,
+    /// Whether it takes the whole width.
+    pub wide: bool,
+}
+
+/// A table: head and rows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Rows {
+    /// Heading above it.
+    pub title: String,
+    /// Heads of the columns.
+    pub head: Vec<String>,
+    /// Cells.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// The page. `passed`: what the badge says, `None` for none.
+pub fn page_html(
+    title: &str,
+    lines: &[String],
+    passed: Option<bool>,
+    tables: &[Rows],
+    plots: &[Plot],
+) -> String {
+    let mut page = String::with_capacity(6 << 20);
+    page += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n";
+    page += "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; \
+             script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:\">\n";
+    page += "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n";
+    page += &format!("<title>{} – Kingpin</title>\n<style>{STYLE}</style></head><body>\n", escaped(title));
+    let badge = match passed {
+        Some(true) => "<div class=\"badge pass\">PASS</div>",
+        Some(false) => "<div class=\"badge fail\">FAIL</div>",
+        None => "",
+    };
+    let facts: Vec<_> = lines.iter().map(|line| format!("<p>{}</p>", escaped(line))).collect();
+    page += &format!(
+        "<header><div class=\"bar\"><div><div class=\"brand\">Kingpin</div><h1>{}</h1>{}</div>{badge}</div></header>\n<main>\n",
+        escaped(title),
+        facts.join("")
+    );
+    for table in tables {
+        let cells = |cells: &[String], tag: &str| -> String {
+            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect()
+        };
+        let rows: String = table.rows.iter().map(|row| format!("<tr>{}</tr>", cells(row, "td"))).collect();
+        page += &format!(
+            "<section style=\"overflow-x:auto\"><h2>{}</h2><table class=\"numbers\"><thead><tr>{}</tr></thead><tbody>{rows}</tbody></table></section>\n",
+            escaped(&table.title),
+            cells(&table.head, "th")
+        );
+    }
+    page += "<section id=\"figures\"><h2>Figures</h2><div class=\"figures\">\n";
+    for (i, plot) in plots.iter().enumerate() {
+        let wide = if plot.wide { " wide" } else { "" };
+        page += &format!(
+            "<figure class=\"figure{wide}\"><h3>{}</h3><div class=\"plot\" id=\"figure-{i}\"></div><p class=\"note\">{}</p></figure>\n",
+            escaped(&plot.title),
+            escaped(&plot.note)
+        );
+    }
+    page += "</div></section>\n</main>\n";
+    let data: Vec<Value> = plots.iter().map(|plot| figure(plot).to_json()).collect();
+    // A less-than sign inside would end the element.
+    let data = Value::Array(data).to_string().replace('<', "\\u003c");
+    page += &format!("<script type=\"application/json\" id=\"data\">{data}</script>\n");
+    page += &format!("<script>{}</script>\n<script>{SCRIPT}</script>\n</body></html>\n", plotly_js());
+    page
+}
+
+fn figure(plot: &Plot) -> Figure {
+    const COLOURS: [&str; 6] = [BLUE, ORANGE, GREEN, PURPLE, BLACK, GREY];
+    let mut figure = Figure::new(&plot.title, &plot.x_title, &plot.y_title);
+    figure.wide = plot.wide;
+    for (i, curve) in plot.curves.iter().enumerate() {
+        let shape = if curve.steps { json!({ "line": { "shape": "hv" } }) } else { json!({}) };
+        figure.push(&curve.name, &curve.x, &curve.y, full(COLOURS[i % COLOURS.len()]), &shape);
+    }
+    let kind = |log: bool| if log { "log" } else { "linear" };
+    figure.layout(&json!({ "xaxis": { "type": kind(plot.log[0]) }, "yaxis": { "type": kind(plot.log[1]) } }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_is_whole_and_text_stays_text() {
+        let plot = Plot {
+            title: "<force>".to_owned(),
+            curves: vec![Curve {
+                name: "a".to_owned(),
+                x: vec![0.0, 1.0],
+                y: vec![1.0, f64::NAN],
+                steps: true,
+            }],
+            ..Plot::default()
+        };
+        let rows = Rows { title: "t".into(), head: vec!["h".into()], rows: vec![vec!["<c>".into()]] };
+        let page = page_html("x & y", &["line".to_owned()], Some(false), &[rows], &[plot]);
+        assert!(page.contains("x &amp; y") && page.contains("&lt;c&gt;") && page.contains("FAIL"));
+        assert!(page.contains("&lt;force&gt;") && page.ends_with("</html>\n"));
+    }
+}
