@@ -5,13 +5,14 @@ use crate::axle::Axle;
 use crate::car::Car;
 use crate::check::Broken;
 use crate::library::Kind;
+use crate::model::ModelFiles;
 use crate::load::{self, Draft, Loaded, Section};
 use crate::problem::{Mistake, Problems, Violation};
 use crate::record::{self, MeasuredSignal, RecordedHistory, TimeSeries, Wanted};
 use crate::rig::Rig;
 use crate::scenario::{Scenario, Speed};
 use crate::steer::Steer;
-use crate::tree::{Place, Value};
+use crate::tree::{Node, Place, Source, Value};
 use crate::unit::SteeringUnit;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -49,6 +50,8 @@ pub struct ResolvedBench {
     pub rig: Rig,
     /// The steering unit.
     pub unit: SteeringUnit,
+    /// The steering unit's functional model, if its file names one.
+    pub unit_model: Option<ModelFiles>,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
     /// Every configuration text that was read, for the log (overrides included).
@@ -69,6 +72,7 @@ impl ResolvedBench {
         let scenario = draft.finish::<Scenario>();
         let rig = assembly.section::<Rig>(&draft, "rig_file", "rig");
         let unit = assembly.section::<SteeringUnit>(&draft, "unit_file", "unit");
+        let unit_model = unit.as_ref().and_then(|unit| assembly.model(&unit.tree, &unit.sources, "model.file"));
         let car = assembly.car(&draft);
         let scenario = assembly.keep(scenario);
         let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded));
@@ -84,6 +88,7 @@ impl ResolvedBench {
                     tyres: car.tyres,
                     rig: rig.value,
                     unit: unit.value,
+                    unit_model,
                     record,
                     sources,
                 })
@@ -266,6 +271,29 @@ impl Assembly<'_> {
                 for Broken { key, rule } in broken {
                     self.problems.push(in_file(Mistake::Reference, &name, &key, rule));
                 }
+                None
+            }
+        }
+    }
+
+    /// A functional model with all files it names.
+    fn model(&mut self, tree: &Node, sources: &[Source], key: &str) -> Option<ModelFiles> {
+        let place = match load::reference_in(tree, sources, key, Kind::Model)? {
+            Ok(place) => place,
+            Err(violation) => {
+                self.problems.push(violation);
+                return None;
+            }
+        };
+        match ModelFiles::at(&place) {
+            Ok(files) => {
+                for file in std::iter::once(&files.main).chain(&files.parts) {
+                    self.source(file.name.clone(), file.text.clone());
+                }
+                Some(files)
+            }
+            Err(problems) => {
+                self.problems.extend(problems);
                 None
             }
         }

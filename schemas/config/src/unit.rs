@@ -7,6 +7,7 @@
 use crate::{Check, Checker};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// A column, torsion bar, rack and assist, as one lumped model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -55,6 +56,20 @@ pub struct SteeringUnit {
     pub hand_wheel_inertia_kg_m2: f64,
     /// The assist.
     pub assist: Assist,
+    /// The functional model that is this unit on the virtual rig. With it, the numbers above are what the rig's
+    /// controller and safety know of the unit; without it, they are also what the virtual rig simulates.
+    pub model: Option<UnitModel>,
+}
+
+/// A steering unit composed from functional models. What such a model must have is said in docs/MODELS.md: ports
+/// `hand`, `left`, `right`, an input `vehicle_speed`, a parameter `upstream_inertia`, and observations.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct UnitModel {
+    /// Model file: a path beside this file, or the bare name of a shipped one (`kingpin list models`).
+    pub file: String,
+    /// Parameters of the model that are replaced: full name and expression with unit, `"rack.m" = "2.8 kg"`.
+    pub set: Option<BTreeMap<String, String>>,
 }
 
 /// Friction with pre-sliding (LuGre). Translational: N and m; rotational: N·m and rad.

@@ -264,6 +264,22 @@ payload! {
         true_tie_rod_force_n: f64 Side "N",
         /// True rack displacement of the virtual plant, NaN on hardware.
         true_rack_displacement_m: f64 One "m",
+        /// Largest power at one joint of a composed steering unit; NaN where there is none, as for all that follow.
+        unit_power_flow_w: f64 One "W",
+        /// Largest sum of the powers at one joint of it: 0 but for rounding.
+        unit_power_residual_w: f64 One "W",
+        /// Energy stored in it.
+        unit_stored_j: f64 One "J",
+        /// Energy that entered it through hand wheel and rack since the start.
+        unit_entered_j: f64 One "J",
+        /// Energy its motors and pumps supplied since the start.
+        unit_supplied_j: f64 One "J",
+        /// Energy it lost since the start.
+        unit_lost_j: f64 One "J",
+        /// What this account does not explain: 0 but for rounding.
+        unit_imbalance_j: f64 One "J",
+        /// Sub-steps of it that held a value: a solve failed, or a value was not finite.
+        unit_fault_count: u64 One "1",
     }
 }
 

@@ -26,7 +26,7 @@ pub enum Command {
     Procedure(ProcedureArgs),
     /// Make the report of a run again
     Report(ReportArgs),
-    /// List what is shipped: scenarios, cars, suspensions, tyres, rigs, steering units
+    /// List what is shipped: scenarios, cars, suspensions, tyres, rigs, steering units, models
     List(ListArgs),
     /// Check a scenario and all files it names, without running it
     Check(CheckArgs),
@@ -42,6 +42,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Solve a suspension on its own: poses, joint and tie-rod forces, curves, methods compared
     Suspension(SuspensionArgs),
+    /// Functional models: check, compose, simulate, compare with a measurement, draw
+    Model(crate::commands::ModelArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell
@@ -231,6 +233,8 @@ pub enum ListKind {
     Rigs,
     /// Steering units
     Units,
+    /// Functional models
+    Models,
 }
 
 /// Arguments of `check`.
@@ -267,6 +271,8 @@ pub enum SchemaSection {
     Rig,
     /// A steering unit
     Unit,
+    /// A functional model
+    Model,
 }
 
 /// Arguments of `table`.

@@ -5,15 +5,16 @@
 //! output phases that were really executed; what follows from it is safety's.
 
 use crate::AssemblyError;
-use config::rig::Rig;
+use config::rig::{Rig, SteerDevice};
 use config::{Broken, ResolvedBench};
+use functional_model::Model as FunctionalModel;
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{
     Bench, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
     rig_flags,
 };
 use rig_control::{ControlDiagnostics, RigCommand, RigController, SteerCommand, SteerPreview};
-use rig_plant::{Actuation, Measurement, RigEnvironment, VirtualRig};
+use rig_plant::{Actuation, ComposedUnit, Measurement, RigEnvironment, VirtualRig};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 use safety::{OperatorRequest, Safety, SafetyInput};
 
@@ -116,6 +117,31 @@ fn sub_steps(rig: &Rig, period_s: f64, output_phase: f64) -> (f64, u32, u32) {
     (period_s / f64::from(count), before, count - before)
 }
 
+/// The virtual rig around the built-in steering unit, or around the one its file composes.
+fn virtual_rig(resolved: &ResolvedBench, rig: &Rig, period_s: f64) -> Result<VirtualRig, AssemblyError> {
+    let (unit, seed) = (&resolved.unit, resolved.scenario.seed);
+    let refused = |part: &'static str| {
+        move |broken: Vec<Broken>| {
+            AssemblyError::new(part, broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
+        }
+    };
+    let (Some(named), Some(files)) = (&unit.model, &resolved.unit_model) else {
+        return VirtualRig::new(rig, unit, seed, period_s).map_err(refused("rig"));
+    };
+    let model = FunctionalModel::from_toml(&files.main.text, &files.main.name, &|name| files.part(name))
+        .map_err(|errors| AssemblyError::new("unit", errors))?;
+    let set: Vec<(String, String)> =
+        named.set.iter().flatten().map(|(name, value)| (name.clone(), value.clone())).collect();
+    let upstream = match rig.plant.steer.device {
+        SteerDevice::Actuator => rig.plant.steer.inertia_kg_m2,
+        SteerDevice::MeasuringWheel => unit.hand_wheel_inertia_kg_m2,
+    };
+    let ratio = unit.rack_travel_m_per_rev / std::f64::consts::TAU;
+    let composed = ComposedUnit::new(&model, &set, upstream, ratio, rig.plant.sub_step_s)
+        .map_err(refused("unit"))?;
+    VirtualRig::with_unit(rig, Box::new(composed), seed, period_s).map_err(refused("rig"))
+}
+
 impl RigNode {
     /// Builds the rig from its files.
     ///
@@ -138,7 +164,7 @@ impl RigNode {
         let mut status = RigStatus::absent();
         status.flags = rig_flags::VIRTUAL;
         Ok(RigNode {
-            plant: VirtualRig::new(&rig, unit, scenario.seed, period_s).map_err(refused("rig"))?,
+            plant: virtual_rig(resolved, &rig, period_s)?,
             controller: RigController::new(&rig, unit, period_s).map_err(refused("rig"))?,
             safety: Safety::new(&rig, unit, period_s, true).map_err(refused("rig"))?,
             manoeuvre,
@@ -339,6 +365,12 @@ impl RigNode {
         let truth = self.plant.truth();
         status.true_tie_rod_force_n = truth.tie_rod_force_n;
         status.true_rack_displacement_m = truth.unit.rack_displacement_m;
+        if let Some(a) = self.plant.unit_account() {
+            (status.unit_power_flow_w, status.unit_power_residual_w) = (a.power_flow_w, a.power_residual_w);
+            (status.unit_stored_j, status.unit_entered_j) = (a.stored_j, a.entered_j);
+            (status.unit_supplied_j, status.unit_lost_j) = (a.supplied_j, a.lost_j);
+            (status.unit_imbalance_j, status.unit_fault_count) = (a.imbalance_j, a.fault_count as u64);
+        }
         output.copy_from_slice(status.words());
     }
 }

@@ -13,6 +13,7 @@ fn kind_of(kind: ListKind) -> Kind {
         ListKind::Tyres => Kind::Tyre,
         ListKind::Rigs => Kind::Rig,
         ListKind::Units => Kind::Unit,
+        ListKind::Models => Kind::Model,
     }
 }
 
@@ -39,6 +40,7 @@ pub fn list(args: &ListArgs) -> Exit {
         ListKind::Tyres,
         ListKind::Rigs,
         ListKind::Units,
+        ListKind::Models,
     ];
     let kinds = args.kind.map_or(all.to_vec(), |kind| vec![kind]);
     let mut json = serde_json::Map::new();
@@ -67,7 +69,7 @@ pub fn list(args: &ListArgs) -> Exit {
 /// What a file says of itself: its `description`, else its first comment line.
 fn describe(text: &str) -> String {
     let described = text.lines().find_map(|line| {
-        let value = line.trim().strip_prefix("description")?.trim_start().strip_prefix('=')?;
+        let value = line.trim().strip_prefix("description").or_else(|| line.trim().strip_prefix("about"))?.trim_start().strip_prefix('=')?;
         Some(value.trim().trim_matches(['"', '\'']).to_owned())
     });
     let comment = || {
@@ -112,6 +114,7 @@ pub fn schema(args: &SchemaArgs) -> Exit {
         SchemaSection::Car => config::schema_json::<config::car::Car>(),
         SchemaSection::Axle => config::schema_json::<config::axle::Axle>(),
         SchemaSection::Rig => config::schema_json::<config::rig::Rig>(),
+        SchemaSection::Model => serde_json::from_str(functional_model::schema::JSON).unwrap_or_default(),
         SchemaSection::Unit => config::schema_json::<config::unit::SteeringUnit>(),
     });
     Exit::Done

@@ -2,12 +2,15 @@
 
 mod configuration;
 mod log;
+mod model;
 mod procedure;
 mod run;
 mod service;
 mod summary;
 mod suspension;
 mod table;
+
+pub use model::ModelArgs;
 
 use crate::args::{Args, Command};
 use crate::exit::Exit;
@@ -27,6 +30,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Compare(args) => log::compare(&args),
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
+        Command::Model(args) => model::model(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());

@@ -147,7 +147,7 @@ struct Reader {
     errors: Vec<ModelError>,
 }
 
-const MODEL_KEYS: &[&str] = &[
+pub(crate) const MODEL_KEYS: &[&str] = &[
     "format",
     "name",
     "about",
@@ -177,7 +177,7 @@ const MODEL_KEYS: &[&str] = &[
     "run",
     "model",
 ];
-const PLACING_KEYS: &[&str] = &["use", "along", "turn", "matrix", "spin", "set", "feed"];
+pub(crate) const PLACING_KEYS: &[&str] = &["use", "along", "turn", "matrix", "spin", "set", "feed"];
 
 impl Reader {
     fn fail(&mut self, place: &Place, what: &str, message: String) {

@@ -56,6 +56,7 @@ mod account;
 mod blocks;
 mod calculus;
 mod causality;
+pub mod comparison;
 mod compiled;
 mod couplings;
 mod dense;
@@ -76,6 +77,7 @@ mod node;
 mod pool;
 mod program;
 mod reduce;
+pub mod schema;
 mod symbolic;
 mod syntax;
 mod tables;
@@ -88,6 +90,7 @@ pub use error::{ModelError, Rule};
 pub use matrices::{Matrices, OperatingPoint};
 pub use model::{Model, ParameterInfo, Parameters, System};
 pub use symbolic::{Symbolic, evaluate_symbolic};
+pub use units::scale_of;
 
 /// Gives the text of a file a model names (`use`, table files), or why it cannot.
 pub type Resolver<'r> = dyn Fn(&str) -> Result<String, String> + 'r;

@@ -200,6 +200,23 @@ impl System {
         self.kernel.states.iter().map(|v| flat.variables[*v as usize].name.clone()).collect()
     }
 
+    /// Start values of the states, SI, in the order of [`System::state_names`].
+    pub fn start_values(&self) -> Vec<f64> {
+        self.start_known()[..self.kernel.states.len()].to_vec()
+    }
+
+    /// Start values of the sampled variables, SI, in the order of [`System::sampled_names`].
+    pub fn sampled_start_values(&self) -> Vec<f64> {
+        let at = self.kernel.states.len() + self.kernel.inputs.len();
+        self.start_known()[at..at + self.kernel.sampled.len()].to_vec()
+    }
+
+    /// SI units of the states.
+    pub fn state_units(&self) -> Vec<String> {
+        let flat = self.flat.borrow();
+        self.kernel.states.iter().map(|v| flat.variables[*v as usize].unit.to_string()).collect()
+    }
+
     /// Names of the inputs: signals, then what open ports take (`outside.fF.x`).
     pub fn input_names(&self) -> Vec<String> {
         let flat = self.flat.borrow();

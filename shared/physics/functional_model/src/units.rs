@@ -62,6 +62,18 @@ const KNOWN: &[(&str, f64, [i16; 6])] = &[
     ("C", 1.0, [0, 0, 1, 1, 0, 0]),
 ];
 
+/// What one of `written` is in `si`, both texts such as `mm` and `m`.
+///
+/// # Errors
+/// A unit nobody knows, or two of different dimension.
+pub fn scale_of(written: &str, si: &str) -> Result<f64, String> {
+    let ((a, scale), (b, of)) = (Unit::parse(written)?, Unit::parse(si)?);
+    if a != b {
+        return Err(format!("'{written}' is no unit of a quantity in {si}"));
+    }
+    Ok(scale / of)
+}
+
 impl Unit {
     /// The unit of pure numbers.
     pub const ONE: Unit = Unit { exponents: [0; 6] };

@@ -7,6 +7,7 @@
 //! Frames: rig axes as ISO 8855 (x forward, y left, z up), origin at the centre of the rack. Sides are
 //! mirror images, so each is computed in (forward, outboard, up). Tie-rod force is positive in tension.
 
+pub mod composed_unit;
 pub mod friction;
 pub mod hydraulic;
 pub mod interface;
@@ -17,7 +18,8 @@ pub mod sensors;
 pub mod state;
 pub mod unit;
 
+pub use composed_unit::ComposedUnit;
 pub use interface::{Actuation, Channel, Measurement, RigEnvironment};
 pub use linkage::Linkage;
 pub use plant::{Truth, VirtualRig};
-pub use unit::{ColumnEps, SteeringUnitModel, UnitInput, UnitOutput};
+pub use unit::{ColumnEps, SteeringUnitModel, UnitAccount, UnitInput, UnitOutput};

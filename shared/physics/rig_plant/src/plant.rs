@@ -15,7 +15,7 @@ use crate::linkage::Linkage;
 use crate::random::Random;
 use crate::sensors::{Encoder, ErrorRule, SensorModel};
 use crate::state::{StateReader, StateWriter};
-use crate::unit::{ColumnEps, SteeringUnitModel, UnitInput, UnitOutput};
+use crate::unit::{ColumnEps, SteeringUnitModel, UnitAccount, UnitInput, UnitOutput};
 use config::rig::{Rig, SteerDevice};
 use config::unit::SteeringUnit;
 use config::{Broken, Check, Checker};
@@ -237,6 +237,11 @@ impl VirtualRig {
     /// The machine as it really is.
     pub fn truth(&self) -> &Truth {
         &self.truth
+    }
+
+    /// The steering unit's account of power and energy, if it keeps one.
+    pub fn unit_account(&self) -> Option<&UnitAccount> {
+        self.unit.account()
     }
 
     /// Geometry of the linkage.

@@ -51,6 +51,27 @@ pub struct UnitOutput {
     pub assist_force_n: f64,
 }
 
+/// Power and energy inside a unit that keeps an account of them.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct UnitAccount {
+    /// Largest sum of the magnitudes of the powers at one joint, now. [W]
+    pub power_flow_w: f64,
+    /// Largest sum of the powers at one joint, now; 0 but for rounding if power is kept. [W]
+    pub power_residual_w: f64,
+    /// Stored now. [J]
+    pub stored_j: f64,
+    /// Entered through hand wheel and rack since the start. [J]
+    pub entered_j: f64,
+    /// Supplied by motors and pumps since the start. [J]
+    pub supplied_j: f64,
+    /// Lost since the start. [J]
+    pub lost_j: f64,
+    /// What the account does not explain; 0 but for rounding. [J]
+    pub imbalance_j: f64,
+    /// Sub-steps that held a value because a solve failed or a value was not finite. [-]
+    pub fault_count: f64,
+}
+
 /// A steering unit between hand-wheel shaft and inner tie-rod balls.
 pub trait SteeringUnitModel: Send {
     /// Advances by `step_s`.
@@ -65,8 +86,12 @@ pub trait SteeringUnitModel: Send {
     fn state_len(&self) -> usize;
     /// Writes the state.
     fn save(&self, out: &mut StateWriter);
-    /// Reads the state.
+    /// Reads the state; zeros are the state at rest.
     fn load(&mut self, from: &mut StateReader);
+    /// Its account of power and energy, if it keeps one.
+    fn account(&self) -> Option<&UnitAccount> {
+        None
+    }
 }
 
 /// Torsion-bar column, rack, electric assist.
