@@ -62,7 +62,7 @@ pub struct SteeringUnit {
 }
 
 /// A steering unit composed from functional models. What such a model must have is said in docs/MODELS.md: ports
-/// `hand`, `left`, `right`, an input `vehicle_speed`, a parameter `upstream_inertia`, and observations.
+/// `hand`, `left`, `right`, an input `vehicle_speed`, parameters `upstream_inertia` and `travel`, and observations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct UnitModel {

@@ -2,7 +2,7 @@
 //!
 //! What the model must have (docs/MODELS.md): scalar ports `hand` (torque on the wheel, left turn positive), `left` and
 //! `right` (tension of the tie rods along the rack), the input `vehicle_speed` (and, if it wants, `engine_on`), the
-//! parameter `upstream_inertia` (what the rig has fixed to the shaft), and the observations `hand_angle`, `hand_speed`,
+//! parameters `upstream_inertia` (what the rig has fixed to the shaft) and `travel` (of the rack for one turn), and the observations `hand_angle`, `hand_speed`,
 //! `torsion_torque`, `rack_position`, `rack_velocity`; `assist_force` (at the rack) where there is an assist.
 //!
 //! The rig's tie rods are springs on the rack, evaluated once a sub-step. The implicit midpoint rule with a force that is
@@ -56,6 +56,7 @@ impl ComposedUnit {
         for (name, value) in set {
             parameters.set(name, value);
         }
+        parameters.set("travel", &format!("{rack_per_radian_m} m/rad"));
         parameters.set("upstream_inertia", &format!("{upstream_inertia_kg_m2} kg*m^2"));
         let told = |errors: Vec<functional_model::ModelError>| -> Vec<Broken> {
             errors
