@@ -9,6 +9,7 @@
 use crate::account::{Account, Accountant};
 use crate::dense::{Exponential, Lu};
 use crate::error::{ModelError, Place, Rule};
+use crate::exact::ExactStep;
 use crate::flat::Kind;
 use crate::kernel::{Kernel, Newton, Reader, Rows, dot};
 use crate::model::System;
@@ -102,18 +103,6 @@ pub struct Compiled {
     time_offset: f64,
     steps: f64,
     accountant: Option<Accountant>,
-}
-
-struct ExactStep {
-    /// Augmented [x, u, 1] matrix and its exponential over dt.
-    a: Vec<f64>,
-    phi: Vec<f64>,
-    exponential: Exponential,
-    size: usize,
-    held: Vec<f64>,
-    valid: bool,
-    z: Vec<f64>,
-    core_map: Vec<f64>,
 }
 
 impl System {
@@ -335,15 +324,7 @@ impl Compiled {
             }
             if let Some(a) = &mut self.accountant {
                 if a.needs_core() {
-                    let (args, equations) = (&self.kernel.args, &self.kernel.equations);
-                    self.newton.solve(
-                        &self.kernel,
-                        args,
-                        equations,
-                        &self.known,
-                        &mut self.core,
-                        self.kernel.affine_in_core,
-                    );
+                    self.newton.settle(&self.kernel, &self.known, &mut self.core);
                 }
                 a.after_sample(&self.known, &self.core, &self.kernel);
             }
@@ -352,10 +333,7 @@ impl Compiled {
     }
 
     fn solve_now(&mut self) -> bool {
-        let (args, equations) = (&self.kernel.args, &self.kernel.equations);
-        self.newton
-            .solve(&self.kernel, args, equations, &self.known, &mut self.core, self.kernel.affine_in_core)
-            .converged
+        self.newton.settle(&self.kernel, &self.known, &mut self.core)
     }
 
     fn read_outputs(&mut self) {
@@ -416,6 +394,9 @@ impl Compiled {
         }
         through_middle(&self.kernel.args, &self.middle_rows, n, &mut self.step_args);
         through_middle(&self.kernel.equations, &self.middle_rows, n, &mut self.step_equations);
+        self.middle_rows.pack();
+        self.step_args.pack();
+        self.step_equations.pack();
     }
 
     fn advance_implicit(&mut self, dt: f64, status: &mut StepStatus) {
@@ -466,17 +447,8 @@ impl Compiled {
                 }
             }
             self.middle[at] = t0 + c * dt;
-            let (args, equations) = (&self.kernel.args, &self.kernel.equations);
-            let solve = self.newton.solve(
-                &self.kernel,
-                args,
-                equations,
-                &self.middle,
-                &mut self.core,
-                self.kernel.affine_in_core,
-            );
-            status.iterations += solve.iterations as u32;
-            status.not_converged |= !solve.converged;
+            status.iterations += 1;
+            status.not_converged |= !self.newton.settle(&self.kernel, &self.middle, &mut self.core);
             for i in 0..n {
                 self.rates[i][stage] = self.kernel.rates.value(i, &self.middle, &self.core);
                 finite &= self.rates[i][stage].is_finite();
@@ -643,75 +615,6 @@ fn through_middle(from: &Rows, middle: &Rows, n: usize, to: &mut Rows) {
         for k in 0..nc {
             to.core[i * nc + k] = from.core[i * nc + k]
                 + (0..n).map(|j| from.known[i * width + j] * middle.core[j * nc + k]).sum::<f64>();
-        }
-    }
-}
-
-impl ExactStep {
-    /// The augmented matrix at the present sampled values: core solved as a function of [x, u, 1].
-    fn refresh(&mut self, kernel: &Kernel, newton: &mut Newton, known: &[f64], n: usize, nu: usize) {
-        let (nc, size) = (kernel.core.len(), self.size);
-        let nm = kernel.sampled.len();
-        // Non-linear parts are affine given the sampled values: value at zero plus partials.
-        for a in 0..kernel.args.count {
-            newton.registers[a] =
-                if kernel.arg_sampled[a] { dot(kernel.args.known_row(a), known) } else { 0.0 };
-        }
-        kernel.program.run(&mut newton.registers, &kernel.tables);
-        newton.jacobian(kernel, &kernel.args, &kernel.equations);
-        // The Jacobian must not see sampled arguments; their rows carry no core, so it does not.
-        let factored = nc == 0 || newton.lu.factor();
-        for column in 0..size {
-            if nc == 0 {
-                break;
-            }
-            for i in 0..nc {
-                let row = kernel.equations.known_row(i);
-                newton.residual[i] = if column < n + nu {
-                    -row[column]
-                } else {
-                    let held: f64 = (0..nm).map(|k| row[n + nu + k] * known[n + nu + k]).sum();
-                    -(row[n + nu + nm + 1] + held + kernel.program.output(&newton.registers, i))
-                };
-            }
-            for (i, a, p) in &kernel.partials {
-                if kernel.arg_sampled[*a] {
-                    continue;
-                }
-                let v = match p {
-                    crate::kernel::Partial::Constant(v) => *v,
-                    crate::kernel::Partial::Output(k) => kernel.program.output(&newton.registers, *k),
-                };
-                let row = kernel.args.known_row(*a);
-                let w = if column < n + nu {
-                    row[column]
-                } else {
-                    row[n + nu + nm + 1] + (0..nm).map(|k| row[n + nu + k] * known[n + nu + k]).sum::<f64>()
-                };
-                newton.residual[*i] -= v * w;
-            }
-            if factored {
-                newton.lu.solve(&mut newton.residual);
-            }
-            for i in 0..nc {
-                self.core_map[i * size + column] = newton.residual[i];
-            }
-        }
-        self.a.fill(0.0);
-        for i in 0..n {
-            let row = kernel.rates.known_row(i);
-            for column in 0..n + nu {
-                self.a[i * size + column] = row[column];
-            }
-            self.a[i * size + size - 1] =
-                row[n + nu + nm + 1] + (0..nm).map(|k| row[n + nu + k] * known[n + nu + k]).sum::<f64>();
-            for (k, c) in kernel.rates.core_row(i).iter().enumerate() {
-                if *c != 0.0 {
-                    for column in 0..size {
-                        self.a[i * size + column] += c * self.core_map[k * size + column];
-                    }
-                }
-            }
         }
     }
 }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use crate::calculus::{depends, derivative, substitute};
 use crate::dense::Lu;
 use crate::flat::{Flat, Kind};
-use crate::pool::{Id, Node};
+use crate::pool::{Id, Node, Pool};
 use crate::program::Program;
 use crate::reduce::{Dae, ONE, TIME, column_of, of_column, rate_column_of, split_linear};
 use crate::tables::Table;
@@ -34,6 +34,46 @@ pub(crate) struct Rows {
     pub core_width: usize,
     pub known: Vec<f64>,
     pub core: Vec<f64>,
+    /// The non-zero entries, as the step uses them; see [`Rows::pack`].
+    sparse_known: Sparse,
+    sparse_core: Sparse,
+}
+
+/// Non-zero entries row by row.
+#[derive(Debug, Clone, Default)]
+struct Sparse {
+    ends: Vec<u32>,
+    entries: Vec<(u32, f64)>,
+}
+
+impl Sparse {
+    fn with_room(rows: usize, width: usize) -> Sparse {
+        Sparse { ends: Vec::with_capacity(rows), entries: Vec::with_capacity(rows * width) }
+    }
+
+    /// Takes the entries of a dense matrix over, within the room there is.
+    fn fill(&mut self, dense: &[f64], rows: usize, width: usize) {
+        self.ends.clear();
+        self.entries.clear();
+        for i in 0..rows {
+            for (k, v) in dense[i * width..(i + 1) * width].iter().enumerate() {
+                if *v != 0.0 {
+                    self.entries.push((k as u32, *v));
+                }
+            }
+            self.ends.push(self.entries.len() as u32);
+        }
+    }
+
+    #[inline]
+    fn dot(&self, i: usize, with: &[f64]) -> f64 {
+        let start = if i == 0 { 0 } else { self.ends[i - 1] as usize };
+        let mut s = 0.0;
+        for (k, v) in &self.entries[start..self.ends[i] as usize] {
+            s += v * with[*k as usize];
+        }
+        s
+    }
 }
 
 impl Rows {
@@ -44,7 +84,27 @@ impl Rows {
             core_width,
             known: vec![0.0; count * known_width],
             core: vec![0.0; count * core_width],
+            sparse_known: Sparse::with_room(count, known_width),
+            sparse_core: Sparse::with_room(count, core_width),
         }
+    }
+
+    /// To be called when the entries have changed, before any value is asked for. Allocates nothing.
+    pub fn pack(&mut self) {
+        self.sparse_known.fill(&self.known, self.count, self.known_width);
+        self.sparse_core.fill(&self.core, self.count, self.core_width);
+    }
+
+    /// The part of row i over what is known.
+    #[inline]
+    pub fn from_known(&self, i: usize, known: &[f64]) -> f64 {
+        self.sparse_known.dot(i, known)
+    }
+
+    /// The part of row i over the core.
+    #[inline]
+    pub fn from_core(&self, i: usize, core: &[f64]) -> f64 {
+        self.sparse_core.dot(i, core)
     }
 
     pub fn known_row(&self, i: usize) -> &[f64] {
@@ -58,7 +118,7 @@ impl Rows {
     /// Value of row i.
     #[inline]
     pub fn value(&self, i: usize, known: &[f64], core: &[f64]) -> f64 {
-        dot(self.known_row(i), known) + dot(self.core_row(i), core)
+        self.from_known(i, known) + self.from_core(i, core)
     }
 
     pub fn needs_core(&self) -> bool {
@@ -73,6 +133,15 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
         s += x * y;
     }
     s
+}
+
+/// Equations of the core that can be solved one after another once the arguments are there.
+#[derive(Debug, Clone)]
+pub(crate) struct Level {
+    /// Arguments to be set before this level's phase of the program.
+    pub args: Vec<usize>,
+    /// (equation, unknown), in order.
+    pub solve: Vec<(usize, usize)>,
 }
 
 /// Everything that does not change while stepping.
@@ -98,6 +167,8 @@ pub(crate) struct Kernel {
     /// One equation that is not linear between samples, for messages.
     pub first_nonlinear: Option<usize>,
     pub tables: Vec<Table>,
+    /// How to have the core without a solver, where that can be.
+    pub explicit: Option<Vec<Level>>,
     affine: BTreeMap<u32, (Vec<f64>, Vec<f64>)>,
 }
 
@@ -159,6 +230,7 @@ impl Kernel {
             affine_in_core: true,
             first_nonlinear: None,
             tables: flat.tables.clone(),
+            explicit: None,
             affine,
         };
         let rate_columns: Vec<u32> = kernel.states.iter().map(|v| rate_column_of(*v)).collect();
@@ -176,6 +248,7 @@ impl Kernel {
                 rows.core[i * rows.core_width..(i + 1) * rows.core_width].copy_from_slice(core);
             }
         }
+        rows.pack();
         rows
     }
 
@@ -215,6 +288,8 @@ impl Kernel {
                 of_column(*c).is_some_and(|(v, rate)| !rate && variables[v as usize].kind == Kind::Sampled)
             })
             .collect();
+        self.equations.pack();
+        let groups = self.order_explicitly(&flat.pool, &rests, &columns);
         let mut roots = rests.clone();
         for (i, rest) in rests.iter().enumerate() {
             for (a, column) in columns.iter().enumerate() {
@@ -252,9 +327,67 @@ impl Kernel {
                 self.partials.push((i, a, p));
             }
         }
-        self.program = Program::compile(&flat.pool, &roots, columns.len(), &|node| {
+        self.program = Program::compile(&flat.pool, &roots, &groups, columns.len(), &|node| {
             leaf_column(node).and_then(|c| columns.iter().position(|k| *k == c))
         });
+    }
+
+    /// Finds out whether the core can be had from what is known without a solver: its equations in an order in which
+    /// each brings one new unknown, linearly. Gives the groups of non-linear parts by when they can be evaluated; one
+    /// group of all where a solver is needed.
+    fn order_explicitly(&mut self, pool: &Pool, rests: &[Id], columns: &[u32]) -> Vec<Vec<Id>> {
+        let nc = rests.len();
+        let args_of: Vec<Vec<usize>> = rests
+            .iter()
+            .map(|rest| {
+                let below = pool.below(&[*rest]);
+                let leaves = below.iter().filter_map(|id| leaf_column(pool.node(*id)));
+                leaves.filter_map(|c| columns.iter().position(|k| *k == c)).collect()
+            })
+            .collect();
+        let through = |i: usize, j: usize| args_of[i].iter().any(|a| self.args.core_row(*a)[j] != 0.0);
+        let mut solved = vec![false; nc];
+        let mut done = vec![false; nc];
+        let mut levels: Vec<Level> = Vec::new();
+        let mut groups: Vec<Vec<Id>> = Vec::new();
+        while done.iter().any(|d| !d) {
+            // Arguments that can be had now; their non-linear parts make a group.
+            let ready: Vec<usize> = (0..nc)
+                .filter(|i| !done[*i] && (0..nc).all(|j| solved[j] || !through(*i, j)))
+                .collect();
+            let mut args: Vec<usize> = ready.iter().flat_map(|i| args_of[*i].iter().copied()).collect();
+            args.sort_unstable();
+            args.dedup();
+            let mut level = Level { args, solve: Vec::new() };
+            let mut progress = true;
+            while progress {
+                progress = false;
+                for &i in ready.iter() {
+                    let open: Vec<usize> =
+                        (0..nc).filter(|j| !solved[*j] && self.equations.core_row(i)[*j] != 0.0).collect();
+                    if !done[i]
+                        && let [j] = open[..]
+                    {
+                        (done[i], solved[j], progress) = (true, true, true);
+                        level.solve.push((i, j));
+                    }
+                }
+            }
+            if level.solve.is_empty() {
+                self.explicit = None;
+                return vec![rests.to_vec()];
+            }
+            groups.push(ready.iter().map(|i| rests[*i]).collect());
+            levels.push(level);
+        }
+        self.explicit = Some(levels);
+        groups
+    }
+
+    /// Number of phases of the program that give the core's equations; what follows are their derivatives.
+    #[inline]
+    pub fn value_phases(&self) -> usize {
+        self.program.phases() - 1
     }
 
     /// Program and affine arguments of any expressions of this model (parameters are replaced by numbers).
@@ -269,11 +402,11 @@ impl Kernel {
             flat.pool.below(&roots).iter().filter_map(|id| leaf_column(flat.pool.node(*id))).collect();
         columns.sort_unstable();
         columns.dedup();
-        let program = Program::compile(&flat.pool, &roots, columns.len(), &|node| {
+        let program = Program::compile(&flat.pool, &roots, &[], columns.len(), &|node| {
             leaf_column(node).and_then(|c| columns.iter().position(|k| *k == c))
         });
         let args = self.rows(&columns);
-        let registers = vec![0.0; program.registers().max(columns.len())];
+        let registers = program.new_registers(columns.len());
         Reader { needs_core: args.needs_core(), args, program, registers }
     }
 }
@@ -336,7 +469,7 @@ impl Newton {
     pub fn new(kernel: &Kernel) -> Newton {
         let nc = kernel.core.len();
         Newton {
-            registers: vec![0.0; kernel.program.registers().max(kernel.args.count)],
+            registers: kernel.program.new_registers(kernel.args.count),
             base: vec![0.0; kernel.args.count],
             base_equation: vec![0.0; nc],
             lu: Lu::new(nc),
@@ -350,23 +483,25 @@ impl Newton {
     /// Registers and residual at the trial point.
     fn evaluate(&mut self, kernel: &Kernel, args: &Rows, equations: &Rows) {
         for a in 0..args.count {
-            self.registers[a] = self.base[a] + dot(args.core_row(a), &self.trial);
+            self.registers[a] = self.base[a] + args.from_core(a, &self.trial);
         }
-        kernel.program.run(&mut self.registers, &kernel.tables);
+        kernel.program.run_phases(0, kernel.value_phases(), &mut self.registers, &kernel.tables);
         self.residual_from_registers(kernel, equations);
     }
 
     fn residual_from_registers(&mut self, kernel: &Kernel, equations: &Rows) {
         for i in 0..self.residual.len() {
             self.residual[i] = self.base_equation[i]
-                + dot(equations.core_row(i), &self.trial)
+                + equations.from_core(i, &self.trial)
                 + kernel.program.output(&self.registers, i);
         }
     }
 
-    /// Fills `lu.a` with the Jacobian at the current registers.
+    /// Fills `lu.a` with the Jacobian where the registers hold the values of.
     pub fn jacobian(&mut self, kernel: &Kernel, args: &Rows, equations: &Rows) {
         let nc = kernel.core.len();
+        let phases = kernel.value_phases();
+        kernel.program.run_phases(phases, phases + 1, &mut self.registers, &kernel.tables);
         self.lu.a.copy_from_slice(&equations.core);
         for (i, a, p) in &kernel.partials {
             let v = match p {
@@ -375,14 +510,43 @@ impl Newton {
             };
             if v != 0.0 {
                 let row = args.core_row(*a);
-                for (j, w) in row.iter().enumerate() {
-                    self.lu.a[i * nc + j] += v * w;
+                for (to, w) in self.lu.a[i * nc..(i + 1) * nc].iter_mut().zip(row) {
+                    *to += v * w;
                 }
             }
         }
     }
 
-    /// Solves for the core; `affine`: the Jacobian does not depend on it through these rows. On failure `core` keeps its values from before.
+    /// The core at `known`: one equation after the other where they can be ordered so, else by [`Newton::solve`]. False
+    /// when there is none; `core` then keeps its values.
+    pub fn settle(&mut self, kernel: &Kernel, known: &[f64], core: &mut [f64]) -> bool {
+        let Some(levels) = &kernel.explicit else {
+            let affine = kernel.affine_in_core;
+            return self.solve(kernel, &kernel.args, &kernel.equations, known, core, affine).converged;
+        };
+        self.before.copy_from_slice(core);
+        core.fill(0.0);
+        for (phase, level) in levels.iter().enumerate() {
+            for a in &level.args {
+                self.registers[*a] = kernel.args.value(*a, known, core);
+            }
+            kernel.program.run_phases(phase, phase + 1, &mut self.registers, &kernel.tables);
+            for &(i, j) in &level.solve {
+                // The unknown itself is still zero.
+                let rest = kernel.equations.value(i, known, core) + kernel.program.output(&self.registers, i);
+                core[j] = -rest / kernel.equations.core_row(i)[j];
+            }
+        }
+        let finite = core.iter().all(|c| c.is_finite());
+        if !finite {
+            core.copy_from_slice(&self.before);
+        }
+        finite
+    }
+
+    /// Solves for the core; `affine`: the Jacobian does not depend on it through these rows. Damped; where that gets
+    /// stuck between the sides of a corner, once more with full steps, which cross it. On failure `core` keeps its
+    /// values from before.
     pub fn solve(
         &mut self,
         kernel: &Kernel,
@@ -397,11 +561,30 @@ impl Newton {
             return Solve { converged: true, iterations: 0, correction: 0.0 };
         }
         self.before.copy_from_slice(core);
+        let solve = self.iterate(kernel, args, equations, known, core, affine, HALVINGS_MAX);
+        if solve.converged {
+            return solve;
+        }
+        let again = self.iterate(kernel, args, equations, known, core, affine, 0);
+        Solve { iterations: solve.iterations + again.iterations, ..again }
+    }
+
+    fn iterate(
+        &mut self,
+        kernel: &Kernel,
+        args: &Rows,
+        equations: &Rows,
+        known: &[f64],
+        core: &mut [f64],
+        affine: bool,
+        halvings: usize,
+    ) -> Solve {
+        let nc = core.len();
         for a in 0..args.count {
-            self.base[a] = dot(args.known_row(a), known);
+            self.base[a] = args.from_known(a, known);
         }
         for i in 0..nc {
-            self.base_equation[i] = dot(equations.known_row(i), known);
+            self.base_equation[i] = equations.from_known(i, known);
         }
         let size = |d: &[f64], c: &[f64]| {
             d.iter().zip(c).fold(0.0f64, |m, (d, c)| {
@@ -429,10 +612,18 @@ impl Newton {
                 }
                 return Solve { converged: true, iterations: iteration, correction };
             }
+            if halvings == 0 {
+                for k in 0..nc {
+                    core[k] -= self.delta[k];
+                }
+                self.trial.copy_from_slice(core);
+                self.evaluate(kernel, args, equations);
+                continue;
+            }
             // Natural monotonicity: the next correction with the same Jacobian must shrink; otherwise a shorter step.
             let mut lambda = 1.0;
             let mut next = f64::NAN;
-            for _ in 0..HALVINGS_MAX {
+            for _ in 0..halvings {
                 for k in 0..nc {
                     self.trial[k] = core[k] - lambda * self.delta[k];
                 }

@@ -64,6 +64,7 @@ mod diagram;
 mod document;
 mod eliminate;
 mod error;
+mod exact;
 mod expand;
 mod flat;
 mod flatten;
