@@ -569,6 +569,14 @@ impl Newton {
         Solve { iterations: solve.iterations + again.iterations, ..again }
     }
 
+    /// Whether the last correction moves no argument of the non-linear parts by more than rounding: nothing is left to
+    /// iterate. (An unknown that is the small difference of large flows never gets better than their rounding.)
+    fn unmoved(&self, args: &Rows) -> bool {
+        (0..args.count).all(|a| {
+            args.from_core(a, &self.delta).abs() <= 1e-13 * self.registers[a].abs() + 1e-16
+        })
+    }
+
     fn iterate(
         &mut self,
         kernel: &Kernel,
@@ -606,7 +614,7 @@ impl Newton {
                 break;
             }
             // Quadratic convergence: a correction of 1e-8 leaves an error near 1e-16.
-            if affine || correction < 1e-8 {
+            if affine || correction < 1e-8 || (iteration > 3 && self.unmoved(args)) {
                 for (c, d) in core.iter_mut().zip(&self.delta) {
                     *c -= d;
                 }
