@@ -5,8 +5,8 @@ use crate::axle::Axle;
 use crate::car::Car;
 use crate::check::Broken;
 use crate::library::Kind;
-use crate::model::ModelFiles;
 use crate::load::{self, Draft, Loaded, Section};
+use crate::model::ModelFiles;
 use crate::problem::{Mistake, Problems, Violation};
 use crate::record::{self, MeasuredSignal, RecordedHistory, TimeSeries, Wanted};
 use crate::rig::Rig;
@@ -72,7 +72,8 @@ impl ResolvedBench {
         let scenario = draft.finish::<Scenario>();
         let rig = assembly.section::<Rig>(&draft, "rig_file", "rig");
         let unit = assembly.section::<SteeringUnit>(&draft, "unit_file", "unit");
-        let unit_model = unit.as_ref().and_then(|unit| assembly.model(&unit.tree, &unit.sources, "model.file"));
+        let unit_model =
+            unit.as_ref().and_then(|unit| assembly.model(&unit.tree, &unit.sources, "model.file"));
         let car = assembly.car(&draft);
         let scenario = assembly.keep(scenario);
         let record = scenario.as_ref().and_then(|loaded| assembly.record(loaded));

@@ -137,8 +137,8 @@ fn virtual_rig(resolved: &ResolvedBench, rig: &Rig, period_s: f64) -> Result<Vir
         SteerDevice::MeasuringWheel => unit.hand_wheel_inertia_kg_m2,
     };
     let ratio = unit.rack_travel_m_per_rev / std::f64::consts::TAU;
-    let composed = ComposedUnit::new(&model, &set, upstream, ratio, rig.plant.sub_step_s)
-        .map_err(refused("unit"))?;
+    let composed =
+        ComposedUnit::new(&model, &set, upstream, ratio, rig.plant.sub_step_s).map_err(refused("unit"))?;
     VirtualRig::with_unit(rig, Box::new(composed), seed, period_s).map_err(refused("rig"))
 }
 

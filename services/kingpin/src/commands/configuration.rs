@@ -69,7 +69,12 @@ pub fn list(args: &ListArgs) -> Exit {
 /// What a file says of itself: its `description`, else its first comment line.
 fn describe(text: &str) -> String {
     let described = text.lines().find_map(|line| {
-        let value = line.trim().strip_prefix("description").or_else(|| line.trim().strip_prefix("about"))?.trim_start().strip_prefix('=')?;
+        let value = line
+            .trim()
+            .strip_prefix("description")
+            .or_else(|| line.trim().strip_prefix("about"))?
+            .trim_start()
+            .strip_prefix('=')?;
         Some(value.trim().trim_matches(['"', '\'']).to_owned())
     });
     let comment = || {

@@ -188,13 +188,26 @@ fn describe(args: &DescribeArgs) -> Result<Exit, Wrong> {
         }
     };
     let value = |v: f64| format!("{v:.6}").trim_end_matches('0').trim_end_matches('.').to_owned();
-    let short = |v: f64| if v != 0.0 && !(1e-3..1e6).contains(&v.abs()) { format!("{v:e}") } else { value(v) };
+    let short =
+        |v: f64| if v != 0.0 && !(1e-3..1e6).contains(&v.abs()) { format!("{v:e}") } else { value(v) };
     let parameters = system.parameters().into_iter();
-    show("parameters (SI)", parameters.map(|p| vec![format!("  {}", p.name), short(p.value), p.unit]).collect());
-    show("states, with their start", states.iter().zip(&start).map(|(n, v)| vec![format!("  {n}"), short(*v)]).collect());
+    show(
+        "parameters (SI)",
+        parameters.map(|p| vec![format!("  {}", p.name), short(p.value), p.unit]).collect(),
+    );
+    show(
+        "states, with their start",
+        states.iter().zip(&start).map(|(n, v)| vec![format!("  {n}"), short(*v)]).collect(),
+    );
     show("inputs", inputs.iter().zip(&input_units).map(|(n, u)| vec![format!("  {n}"), u.clone()]).collect());
-    show("outputs", outputs.iter().zip(&output_units).map(|(n, u)| vec![format!("  {n}"), u.clone()]).collect());
-    show("sampled by mechanisms", system.sampled_names().into_iter().map(|n| vec![format!("  {n}")]).collect());
+    show(
+        "outputs",
+        outputs.iter().zip(&output_units).map(|(n, u)| vec![format!("  {n}"), u.clone()]).collect(),
+    );
+    show(
+        "sampled by mechanisms",
+        system.sampled_names().into_iter().map(|n| vec![format!("  {n}")]).collect(),
+    );
     output::line("\nwho gives what");
     for line in report.to_string().lines() {
         output::line(format!("  {line}"));
@@ -267,7 +280,8 @@ fn compose(args: &ComposeArgs) -> Result<Exit, Wrong> {
         if rows.is_empty() || columns.is_empty() {
             continue;
         }
-        let mut shown = vec![std::iter::once(name.to_owned()).chain(columns.iter().cloned()).collect::<Vec<_>>()];
+        let mut shown =
+            vec![std::iter::once(name.to_owned()).chain(columns.iter().cloned()).collect::<Vec<_>>()];
         for (row, values) in rows.iter().zip(&table) {
             let numbers = values.iter().map(|v| if *v == 0.0 { "0".to_owned() } else { format!("{v:.6e}") });
             shown.push(std::iter::once(format!("  {row}")).chain(numbers).collect());

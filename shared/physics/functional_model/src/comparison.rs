@@ -218,8 +218,7 @@ mod tests {
         // Another rate, 30 ms late, 2 % more, 0.05 up.
         let late: Vec<f64> = (0..1000).map(|k| k as f64 * 4e-3 + 5e-4).collect();
         let measured: Vec<f64> = late.iter().map(|t| 1.02 * f(t - 0.0303) + 0.05).collect();
-        let (a, b) =
-            (Signal { time_s: &time, value: &model }, Signal { time_s: &late, value: &measured });
+        let (a, b) = (Signal { time_s: &time, value: &model }, Signal { time_s: &late, value: &measured });
         let lag = lag_s(a, b, 0.1);
         assert!((lag - 0.0303).abs() < 2e-4, "{lag}");
         let g = agreement(a, b, lag);
@@ -239,6 +238,9 @@ mod tests {
         assert!((a.spacing_s - 2e-3).abs() < 1e-12 && (a.max - 5.0).abs() < 1e-3);
         let flat = vec![1.0; 3000];
         assert!(analyse(Signal { time_s: &time, value: &flat }).frequency_hz.is_nan());
-        assert_eq!(lag_s(Signal { time_s: &time, value: &flat }, Signal { time_s: &time, value: &flat }, 0.1), 0.0);
+        assert_eq!(
+            lag_s(Signal { time_s: &time, value: &flat }, Signal { time_s: &time, value: &flat }, 0.1),
+            0.0
+        );
     }
 }

@@ -352,9 +352,8 @@ impl Kernel {
         let mut groups: Vec<Vec<Id>> = Vec::new();
         while done.iter().any(|d| !d) {
             // Arguments that can be had now; their non-linear parts make a group.
-            let ready: Vec<usize> = (0..nc)
-                .filter(|i| !done[*i] && (0..nc).all(|j| solved[j] || !through(*i, j)))
-                .collect();
+            let ready: Vec<usize> =
+                (0..nc).filter(|i| !done[*i] && (0..nc).all(|j| solved[j] || !through(*i, j))).collect();
             let mut args: Vec<usize> = ready.iter().flat_map(|i| args_of[*i].iter().copied()).collect();
             args.sort_unstable();
             args.dedup();
@@ -572,9 +571,8 @@ impl Newton {
     /// Whether the last correction moves no argument of the non-linear parts by more than rounding: nothing is left to
     /// iterate. (An unknown that is the small difference of large flows never gets better than their rounding.)
     fn unmoved(&self, args: &Rows) -> bool {
-        (0..args.count).all(|a| {
-            args.from_core(a, &self.delta).abs() <= 1e-13 * self.registers[a].abs() + 1e-16
-        })
+        (0..args.count)
+            .all(|a| args.from_core(a, &self.delta).abs() <= 1e-13 * self.registers[a].abs() + 1e-16)
     }
 
     fn iterate(

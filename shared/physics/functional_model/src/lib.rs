@@ -77,6 +77,7 @@ mod model;
 mod node;
 mod pool;
 mod program;
+mod ratios;
 mod reduce;
 pub mod schema;
 mod symbolic;

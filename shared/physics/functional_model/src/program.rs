@@ -11,31 +11,113 @@ use crate::tables::Table;
 #[derive(Debug, Clone, Copy)]
 enum Step {
     /// r[to] = k * r[a]
-    Scale { to: u32, a: u32, k: f64 },
+    Scale {
+        to: u32,
+        a: u32,
+        k: f64,
+    },
     /// r[to] = j * r[a] + k * r[b]
-    Combine { to: u32, a: u32, b: u32, j: f64, k: f64 },
+    Combine {
+        to: u32,
+        a: u32,
+        b: u32,
+        j: f64,
+        k: f64,
+    },
     /// r[to] = r[a] + k * r[b]
-    AddScaled { to: u32, a: u32, b: u32, k: f64 },
+    AddScaled {
+        to: u32,
+        a: u32,
+        b: u32,
+        k: f64,
+    },
     /// r[to] = k * r[a] + c
-    Affine { to: u32, a: u32, k: f64, c: f64 },
+    Affine {
+        to: u32,
+        a: u32,
+        k: f64,
+        c: f64,
+    },
     /// r[to] = r[a] + k
-    AddConstant { to: u32, a: u32, k: f64 },
-    Multiply { to: u32, a: u32, b: u32 },
-    Divide { to: u32, a: u32, b: u32 },
+    AddConstant {
+        to: u32,
+        a: u32,
+        k: f64,
+    },
+    Multiply {
+        to: u32,
+        a: u32,
+        b: u32,
+    },
+    Divide {
+        to: u32,
+        a: u32,
+        b: u32,
+    },
     /// r[to] = r[a]^k
-    Power { to: u32, a: u32, k: f64 },
-    Abs { to: u32, a: u32 },
-    Exp { to: u32, a: u32 },
-    Sign { to: u32, a: u32 },
-    Min { to: u32, a: u32, b: u32 },
-    Max { to: u32, a: u32, b: u32 },
-    LessEqual { to: u32, a: u32, b: u32 },
-    If { to: u32, a: u32, b: u32, c: u32 },
-    One { to: u32, fun: Fun, a: u32 },
-    Two { to: u32, fun: Fun, a: u32, b: u32 },
-    Table { to: u32, table: u32, along: u8, a: u32, b: u32 },
+    Power {
+        to: u32,
+        a: u32,
+        k: f64,
+    },
+    Abs {
+        to: u32,
+        a: u32,
+    },
+    Exp {
+        to: u32,
+        a: u32,
+    },
+    Sign {
+        to: u32,
+        a: u32,
+    },
+    Min {
+        to: u32,
+        a: u32,
+        b: u32,
+    },
+    Max {
+        to: u32,
+        a: u32,
+        b: u32,
+    },
+    LessEqual {
+        to: u32,
+        a: u32,
+        b: u32,
+    },
+    If {
+        to: u32,
+        a: u32,
+        b: u32,
+        c: u32,
+    },
+    One {
+        to: u32,
+        fun: Fun,
+        a: u32,
+    },
+    Two {
+        to: u32,
+        fun: Fun,
+        a: u32,
+        b: u32,
+    },
+    Table {
+        to: u32,
+        table: u32,
+        along: u8,
+        a: u32,
+        b: u32,
+    },
     /// r[to], r[to + 1] = derivatives of a table of two arguments
-    Gradient { to: u32, table: u32, a: u32, b: u32 },
+    Gradient {
+        to: u32,
+        table: u32,
+        a: u32,
+        b: u32,
+    },
 }
 
 /// A compiled list of expressions of some leaves.
@@ -341,7 +423,9 @@ fn execute(steps: &[Step], r: &mut [f64], tables: &[Table]) {
             Step::Min { to, a, b } => (to, r[a as usize].min(r[b as usize])),
             Step::Max { to, a, b } => (to, r[a as usize].max(r[b as usize])),
             Step::LessEqual { to, a, b } => (to, f64::from(u8::from(r[a as usize] <= r[b as usize]))),
-            Step::If { to, a, b, c } => (to, if r[a as usize] != 0.0 { r[b as usize] } else { r[c as usize] }),
+            Step::If { to, a, b, c } => {
+                (to, if r[a as usize] != 0.0 { r[b as usize] } else { r[c as usize] })
+            }
             Step::One { to, fun, a } => (to, fun.apply(&[r[a as usize]])),
             Step::Two { to, fun, a, b } => (to, fun.apply(&[r[a as usize], r[b as usize]])),
             Step::Table { to, table, along, a, b } => {

@@ -109,7 +109,8 @@ impl Table {
         let (i, t, inside_x) = locate(&self.x, x);
         let (j, s, inside_y) = locate(&self.y, y);
         let n = self.y.len();
-        let (p, q) = (&self.value[i * n + j..i * n + j + 2], &self.value[(i + 1) * n + j..(i + 1) * n + j + 2]);
+        let (p, q) =
+            (&self.value[i * n + j..i * n + j + 2], &self.value[(i + 1) * n + j..(i + 1) * n + j + 2]);
         let (a, b) = (p[1] - p[0], q[1] - q[0]);
         let (low, high) = (p[0] + a * s, q[0] + b * s);
         [

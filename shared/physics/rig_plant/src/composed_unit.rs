@@ -59,10 +59,7 @@ impl ComposedUnit {
         parameters.set("travel", &format!("{rack_per_radian_m} m/rad"));
         parameters.set("upstream_inertia", &format!("{upstream_inertia_kg_m2} kg*m^2"));
         let told = |errors: Vec<functional_model::ModelError>| -> Vec<Broken> {
-            errors
-                .into_iter()
-                .map(|e| Broken { key: "model".to_owned(), rule: e.to_string() })
-                .collect()
+            errors.into_iter().map(|e| Broken { key: "model".to_owned(), rule: e.to_string() }).collect()
         };
         let system = model.compose(&parameters).map_err(told)?;
         let compiled =

@@ -30,7 +30,10 @@ pub fn compare(args: &CompareArgs) -> Result<Exit, Wrong> {
     })?;
     for (_, column) in &mapped {
         if !measured.columns.iter().any(|c| means(&c.header, column)) {
-            return Err(format!("{}: --signal names the column '{column}', which is not there", measured.name));
+            return Err(format!(
+                "{}: --signal names the column '{column}', which is not there",
+                measured.name
+            ));
         }
     }
     let compared: Vec<(usize, usize)> = measured

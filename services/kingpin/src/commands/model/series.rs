@@ -49,14 +49,16 @@ impl Series {
     /// Every violation of the file.
     pub fn read(path: &Path, wanted: impl Fn(&str) -> Option<String>) -> Result<Series, Wrong> {
         let name = path.display().to_string();
-        let about = std::fs::metadata(path)
-            .map_err(|error| Violation::of_file(Mistake::NotFound, &name, format!("cannot be read: {error}")).to_string())?;
+        let about = std::fs::metadata(path).map_err(|error| {
+            Violation::of_file(Mistake::NotFound, &name, format!("cannot be read: {error}")).to_string()
+        })?;
         if about.len() > BYTES_MAX {
             let rule = format!("is too large: {} bytes, at most {BYTES_MAX}", about.len());
             return Err(Violation::of_file(Mistake::Unreadable, &name, rule).to_string());
         }
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| Violation::of_file(Mistake::Unreadable, &name, format!("cannot be read: {error}")).to_string())?;
+        let text = std::fs::read_to_string(path).map_err(|error| {
+            Violation::of_file(Mistake::Unreadable, &name, format!("cannot be read: {error}")).to_string()
+        })?;
         Self::parse(&text, &name, wanted)
     }
 
@@ -144,7 +146,11 @@ impl Series {
             let rule = "needs at least two rows".to_owned();
             problems.push(violation(Mistake::WrongLength, 0, "", "", rule));
         }
-        if problems.is_empty() { Ok(Series { name: name.to_owned(), time_s, columns }) } else { Err(problems.to_string()) }
+        if problems.is_empty() {
+            Ok(Series { name: name.to_owned(), time_s, columns })
+        } else {
+            Err(problems.to_string())
+        }
     }
 
     /// Value of a column at a time: linear between rows, or the row before (`hold`); the ends outside.
@@ -171,8 +177,11 @@ mod tests {
 
     #[test]
     fn columns_come_in_si_and_mistakes_all_at_once() {
-        let wanted = |h: &str| (means(h, "x") || means(h, "F")).then(|| if means(h, "x") { "m".into() } else { "N".into() });
-        let s = Series::parse("# drive\ntime [ms], x [mm], word, F\n0,1,a,5\n10,3,b,7\n", "IN", wanted).unwrap();
+        let wanted = |h: &str| {
+            (means(h, "x") || means(h, "F")).then(|| if means(h, "x") { "m".into() } else { "N".into() })
+        };
+        let s =
+            Series::parse("# drive\ntime [ms], x [mm], word, F\n0,1,a,5\n10,3,b,7\n", "IN", wanted).unwrap();
         assert_eq!(s.time_s, [0.0, 0.01]);
         assert!((s.at(0, 0.005, false) - 2e-3).abs() < 1e-15 && s.at(1, 0.005, true) == 5.0);
         let wrong = Series::parse("time_s,x [N],F\n0,1,2\n0,1,nan\n", "IN", wanted).unwrap_err();

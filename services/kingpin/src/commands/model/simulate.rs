@@ -46,11 +46,7 @@ enum Source {
     Column(usize),
 }
 
-fn sources(
-    drive: &DriveArgs,
-    system: &System,
-    series: Option<&Series>,
-) -> Result<Vec<Source>, Wrong> {
+fn sources(drive: &DriveArgs, system: &System, series: Option<&Series>) -> Result<Vec<Source>, Wrong> {
     let names = system.input_names();
     let mut sources: Vec<Source> = names.iter().map(|_| Source::Constant(0.0)).collect();
     if let Some(series) = series {
@@ -107,7 +103,16 @@ pub fn run(drive: &DriveArgs, system: &System, series: Option<&Series>, keep: &K
         headers.extend(states.iter().zip(system.state_units()).map(|(n, u)| header(n, &u)));
     }
     if keep.account {
-        let names = ["residual_w", "flow_w", "stored_j", "entered_j", "supplied_j", "lost_j", "unstated_j", "imbalance_j"];
+        let names = [
+            "residual_w",
+            "flow_w",
+            "stored_j",
+            "entered_j",
+            "supplied_j",
+            "lost_j",
+            "unstated_j",
+            "imbalance_j",
+        ];
         headers.extend(names.map(str::to_owned));
     }
     let mut result = Run {
@@ -128,7 +133,9 @@ pub fn run(drive: &DriveArgs, system: &System, series: Option<&Series>, keep: &K
         let t = begin + k as f64 * dt;
         for (u, source) in inputs.iter_mut().zip(&sources) {
             *u = match (source, series) {
-                (Source::Column(c), Some(s)) => s.at(*c, if drive.hold { t } else { t + 0.5 * dt }, drive.hold),
+                (Source::Column(c), Some(s)) => {
+                    s.at(*c, if drive.hold { t } else { t + 0.5 * dt }, drive.hold)
+                }
                 (Source::Constant(v), _) => *v,
                 _ => 0.0,
             };
@@ -196,10 +203,13 @@ fn record(compiled: &Compiled, t: f64, keep: &Keep, run: &mut Run) {
 pub fn input(drive: &DriveArgs, system: &System) -> Result<Option<Series>, Wrong> {
     let Some(path) = &drive.input else { return Ok(None) };
     let (names, units) = (system.input_names(), system.input_units());
-    let series =
-        Series::read(path, |h| names.iter().position(|n| means(h, n)).map(|k| units[k].clone()))?;
+    let series = Series::read(path, |h| names.iter().position(|n| means(h, n)).map(|k| units[k].clone()))?;
     if series.columns.is_empty() {
-        return Err(format!("{}: no column is an input of the model; inputs are: {}", series.name, names.join(", ")));
+        return Err(format!(
+            "{}: no column is an input of the model; inputs are: {}",
+            series.name,
+            names.join(", ")
+        ));
     }
     Ok(Some(series))
 }
@@ -286,7 +296,11 @@ pub fn plot(args: &PlotArgs) -> Result<Exit, Wrong> {
             path
         };
         let (across, up) = thinned(&integral(&a.1), &integral(&b.1));
-        let mut figure = Figure::new("path: both integrated over time", &format!("integral of {}", a.0), &format!("integral of {}", b.0));
+        let mut figure = Figure::new(
+            "path: both integrated over time",
+            &format!("integral of {}", a.0),
+            &format!("integral of {}", b.0),
+        );
         figure.curve("", &across, &up, 2, "solid");
         figures.push(figure);
     }
