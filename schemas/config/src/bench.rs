@@ -52,6 +52,8 @@ pub struct ResolvedBench {
     pub unit: SteeringUnit,
     /// The steering unit's functional model, if its file names one.
     pub unit_model: Option<ModelFiles>,
+    /// The car's driveline model, if its file names one.
+    pub driveline_model: Option<ModelFiles>,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
     /// Every configuration text that was read, for the log (overrides included).
@@ -90,6 +92,7 @@ impl ResolvedBench {
                     rig: rig.value,
                     unit: unit.value,
                     unit_model,
+                    driveline_model: car.driveline_model,
                     record,
                     sources,
                 })
@@ -141,6 +144,7 @@ struct ResolvedCar {
     front_axle: Axle,
     rear_axle: Option<Axle>,
     tyres: Vec<TextFile>,
+    driveline_model: Option<ModelFiles>,
 }
 
 /// Gathers the parts and everything that is wrong with them.
@@ -230,7 +234,9 @@ impl Assembly<'_> {
             .into_iter()
             .filter_map(|end| self.tyre(&draft, &format!("{end}.tyre_file")))
             .collect();
-        Some(ResolvedCar { car: car?.value, front_axle: front_axle?, rear_axle, tyres })
+        let car = car?;
+        let driveline_model = self.model(&car.tree, &car.sources, "driveline.file");
+        Some(ResolvedCar { car: car.value, front_axle: front_axle?, rear_axle, tyres, driveline_model })
     }
 
     fn axle(&mut self, car: &Draft, end: &str) -> Option<Axle> {

@@ -7,6 +7,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 mod check;
 mod peer;
@@ -31,6 +32,9 @@ pub struct Car {
     pub steering: SteeringSystem,
     /// What drives the wheels.
     pub powertrain: Powertrain,
+    /// The functional model that takes the place of the powertrain's mechanics. With it, the powertrain's numbers are
+    /// what transmission control and speed controller know of it; without it, they are also what is simulated.
+    pub driveline: Option<DrivelineModel>,
     /// Brakes.
     pub brakes: Brakes,
     /// Aerodynamic forces.
@@ -44,6 +48,28 @@ pub struct Car {
     /// Simplifications of another model to which this car is matched; a car of one's own has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peer_model: Option<PeerModel>,
+}
+
+/// A driveline composed from functional models. What such a model must have is said in docs/MODELS.md.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DrivelineModel {
+    /// Model file: a path beside this file, or the bare name of a shipped one (`kingpin list models`).
+    pub file: String,
+    /// Parameters of the model that are replaced: full name and expression with unit, `"crank.J" = "0.2 kg*m^2"`.
+    pub set: Option<BTreeMap<String, String>>,
+    /// Axle it drives.
+    pub driven: DrivenAxle,
+}
+
+/// Axle that a driveline model drives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DrivenAxle {
+    /// Front wheels.
+    Front,
+    /// Rear wheels.
+    Rear,
 }
 
 /// The sprung mass.

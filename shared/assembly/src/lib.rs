@@ -4,6 +4,7 @@
 //! crate and writes its region. The rules for inputs that do not come are the same for vehicle and
 //! multibody ([`Guard`]); the rig's are safety's.
 
+mod driveline;
 mod guard;
 mod kinematics;
 pub mod manifest;

@@ -1,5 +1,6 @@
 //! The vehicle node: rack in, car out, and what the manoeuvre asks of the hand wheel.
 
+use crate::driveline::ComposedDriveline;
 use crate::guard::{Guard, Verdict};
 use crate::{AssemblyError, axle_kinematics, road};
 use config::ResolvedBench;
@@ -28,6 +29,7 @@ const DRIVER: usize = 4;
 /// The car with its manoeuvre.
 pub struct VehicleNode {
     vehicle: Vehicle,
+    driveline: Option<ComposedDriveline>,
     manoeuvre: Manoeuvre,
     driver: Option<PathDriver>,
     road: Road,
@@ -56,13 +58,16 @@ impl VehicleNode {
             Steer::Path(following) => Some(PathDriver::new(following)),
             _ => None,
         };
-        if vehicle.state_len() + OWN > VehicleCheckpoint::absent().state.len() {
+        let driveline = ComposedDriveline::new(resolved)?;
+        let further = OWN + driveline.as_ref().map_or(0, ComposedDriveline::state_len);
+        if vehicle.state_len() + further > VehicleCheckpoint::absent().state.len() {
             return Err(AssemblyError::new("car", ["its state does not fit the checkpoint region"]));
         }
         let mut last = VehicleState::absent();
         last.used_rig_measurement = NO_TICK;
         let mut node = VehicleNode {
             vehicle,
+            driveline,
             manoeuvre,
             driver,
             road: scenario.road.clone(),
@@ -81,8 +86,17 @@ impl VehicleNode {
         };
         let input = node.input(0.0);
         node.vehicle.reset(node.manoeuvre.initial_speed_m_s(), &input);
+        if let Some(driveline) = &mut node.driveline {
+            let (spin, demand) = (spins(&node.vehicle), node.vehicle.drive_demand());
+            let drive = driveline.settle(&spin, &demand, period_s);
+            node.vehicle.set_outside_drive(Some(drive));
+        }
         fill(&mut node.last, node.vehicle.output());
         Ok(node)
+    }
+
+    fn checkpoint_len(&self) -> usize {
+        self.vehicle.state_len() + OWN + self.driveline.as_ref().map_or(0, ComposedDriveline::state_len)
     }
 
     /// The car's input for a step at `time_s`.
@@ -175,6 +189,11 @@ impl Model for VehicleNode {
             let held = self.vehicle.output().held_steps;
             let input = self.input(step.n as f64 * self.period_s);
             self.vehicle.step(&input);
+            if let Some(driveline) = &mut self.driveline {
+                let demand = self.vehicle.drive_demand();
+                let drive = driveline.step(&spins(&self.vehicle), &demand, self.period_s);
+                self.vehicle.set_outside_drive(Some(drive));
+            }
             let car = self.vehicle.output();
             if car.held_steps > held {
                 flags |= model_flags::MODEL_FAULT;
@@ -211,7 +230,7 @@ impl Model for VehicleNode {
         let checkpoint = &mut checkpoint[0];
         let len = self.vehicle.state_len();
         checkpoint.tick = n;
-        checkpoint.len = (len + OWN) as u64;
+        checkpoint.len = self.checkpoint_len() as u64;
         checkpoint.counters = [self.guard.held_count(), self.used_tick, 0, 0, 0, 0];
         self.vehicle.save_state(&mut checkpoint.state[..len]);
         checkpoint.state[len] = self.rack_m;
@@ -219,14 +238,17 @@ impl Model for VehicleNode {
             Some(driver) => driver.save_state(&mut checkpoint.state[len + 1..len + OWN]),
             None => checkpoint.state[len + 1..len + OWN].fill(0.0),
         }
+        if let Some(driveline) = &self.driveline {
+            driveline.save_state(&mut checkpoint.state[len + OWN..len + OWN + driveline.state_len()]);
+        }
     }
 
     fn restore(&mut self, words: &[u64]) -> bool {
         let checkpoint: &[VehicleCheckpoint] = bytemuck::cast_slice(words);
         let checkpoint = &checkpoint[0];
         let len = self.vehicle.state_len();
-        let whole = checkpoint.len == (len + OWN) as u64;
-        if !whole || !checkpoint.state[..len + OWN].iter().all(|v| v.is_finite()) {
+        let all = self.checkpoint_len();
+        if checkpoint.len != all as u64 || !checkpoint.state[..all].iter().all(|v| v.is_finite()) {
             return false;
         }
         self.vehicle.load_state(&checkpoint.state[..len]);
@@ -234,12 +256,20 @@ impl Model for VehicleNode {
         if let Some(driver) = &mut self.driver {
             driver.load_state(&checkpoint.state[len + 1..len + OWN]);
         }
+        if let Some(driveline) = &mut self.driveline {
+            let drive = driveline.load_state(&checkpoint.state[len + OWN..all]);
+            self.vehicle.set_outside_drive(Some(drive));
+        }
         self.guard.restore(checkpoint.counters[0]);
         self.used_tick = checkpoint.counters[1];
         self.restored = true;
         fill(&mut self.last, self.vehicle.output());
         true
     }
+}
+
+fn spins(vehicle: &Vehicle) -> [f64; WHEELS] {
+    vehicle.output().wheels.map(|wheel| wheel.spin_rad_s)
 }
 
 fn fill(state: &mut VehicleState, o: &VehicleOutput) {

@@ -46,6 +46,28 @@ pub struct SpinTorques {
     pub engine_n_m: f64,
 }
 
+/// What a driveline that is simulated outside the car does to it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct OutsideDrive {
+    /// Torque of the half shafts on the wheels, driving positive. [N·m]
+    pub wheel_n_m: [f64; 4],
+    /// Engine speed. [rad/s]
+    pub engine_rad_s: f64,
+    /// Engine torque. [N·m]
+    pub engine_n_m: f64,
+}
+
+/// What the car's transmission control asks of a driveline.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct DriveDemand {
+    /// Pedal. [-], [0, 1]
+    pub pedal: f64,
+    /// Ratio of the gearbox, 0 in neutral, negative in reverse. [-]
+    pub ratio: f64,
+    /// How far the lock-up clutch is closed. [-], [0, 1]
+    pub lock_up: f64,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 struct EngineMap {
     full: Curve,
@@ -240,7 +262,7 @@ impl Driveline {
     }
 
     /// Ratio in effect, between old and new during a shift.
-    fn effective_ratio(&self, s: &DrivelineState) -> f64 {
+    pub fn effective_ratio(&self, s: &DrivelineState) -> f64 {
         let new = self.ratio(s.gear);
         let Kind::Combustion { gears, .. } = &self.kind else { return new };
         // Through neutral or from forward to reverse the ratio steps: there is nothing between.
@@ -404,6 +426,7 @@ impl Driveline {
         brake_capacity_n_m: &[f64; 4],
         throttle: f64,
         mode: GearMode,
+        outside: Option<&OutsideDrive>,
         h: f64,
     ) -> SpinTorques {
         let mut out = SpinTorques::default();
@@ -411,8 +434,12 @@ impl Driveline {
             spin[i] += h * tyre_n_m[i] / self.inertia[i];
         }
         let mut drag = [0.0; 4];
-        match &self.kind {
-            Kind::WheelTorque { drag_n_m, .. } => {
+        match (outside, &self.kind) {
+            (Some(o), _) => {
+                (out.drive_n_m, out.engine_n_m) = (o.wheel_n_m, o.engine_n_m);
+                s.engine_rad_s = o.engine_rad_s;
+            }
+            (None, Kind::WheelTorque { drag_n_m, .. }) => {
                 let direction = f64::from(s.gear.signum());
                 // Closed throttle drags, full throttle does not, so that the sum is what throttle_for assumes.
                 let drive = (self.wheel_torque_limit(spin) * throttle).max(0.0);
@@ -421,7 +448,7 @@ impl Driveline {
                     drag[i] = direction.abs() * drag_n_m * (1.0 - throttle) * self.weight[i];
                 }
             }
-            Kind::Combustion { engine, coupling, gears } => {
+            (None, Kind::Combustion { engine, coupling, gears }) => {
                 let ratio = self.effective_ratio(s);
                 let shift = (s.since_shift_s / gears.shift_time_s).min(1.0);
                 let shifting = shift < 1.0;

@@ -26,6 +26,7 @@ mod suspension;
 mod variables;
 mod vehicle;
 
+pub use driveline::{DriveDemand, OutsideDrive};
 pub use io::{GearMode, RoadContact, VehicleInput, VehicleOutput, WHEELS, WheelOutput};
 pub use kinematics::{
     AxleKinematics, Grid, KingpinAxis, KnuckleMap, KnucklePose, KnuckleSample, knuckle_matrix,

@@ -15,7 +15,7 @@
 use crate::aerodynamics::Aerodynamics;
 use crate::brakes::Brakes;
 use crate::chassis::{self, Handed, Masses, StationLoad};
-use crate::driveline::{Driveline, SpinTorques};
+use crate::driveline::{DriveDemand, Driveline, OutsideDrive, SpinTorques};
 use crate::hull::Hull;
 use crate::io::{GearMode, VehicleInput, VehicleOutput, WHEELS};
 use crate::kinematics::AxleKinematics;
@@ -62,6 +62,7 @@ pub struct Vehicle {
     pub(crate) kinematics: [AxleKinematics; 2],
     pub(crate) suspension: [Suspension; 2],
     pub(crate) driveline: Driveline,
+    outside: Option<OutsideDrive>,
     brakes: Brakes,
     aerodynamics: Aerodynamics,
     hull: Hull,
@@ -187,6 +188,7 @@ impl Vehicle {
                 Suspension::new(rear, [balance[2], balance[3]], sub_step_s),
             ],
             driveline: Driveline::new(car),
+            outside: None,
             brakes: Brakes::new(&car.brakes, sub_step_s),
             aerodynamics: Aerodynamics::new(&car.aerodynamics, b),
             hull: Hull::new(car, mass),
@@ -238,6 +240,22 @@ impl Vehicle {
     #[must_use]
     pub fn output(&self) -> &VehicleOutput {
         &self.output
+    }
+
+    /// Puts a driveline that is simulated outside in the place of the powertrain's mechanics. An input, not state.
+    pub fn set_outside_drive(&mut self, drive: Option<OutsideDrive>) {
+        self.outside = drive;
+    }
+
+    /// What transmission control asked of the driveline in the last step.
+    #[must_use]
+    pub fn drive_demand(&self) -> DriveDemand {
+        let s = &self.state.driveline;
+        DriveDemand {
+            pedal: self.output.throttle,
+            ratio: self.driveline.effective_ratio(s),
+            lock_up: s.lock_up,
+        }
     }
 
     /// The imports in force, to set or clear.
@@ -498,6 +516,7 @@ impl Vehicle {
             &capacity,
             control.throttle,
             input.gear_mode,
+            self.outside.as_ref(),
             h,
         );
 
