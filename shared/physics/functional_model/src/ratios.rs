@@ -6,7 +6,6 @@ use crate::expand::Shape;
 use crate::flat::{Equation, Flat, Gives};
 use crate::instances::Tree;
 use crate::pool::Id;
-use crate::units::Unit;
 
 /// Lossless couplings inside a part: q_o = sum K_i q_i, and the dual of each q_i = -s_o/s_i K_i^T (dual of q_o),
 /// so that the power of all its ports sums to zero whatever K is (ratios: across to across; gyrators: mixed).
