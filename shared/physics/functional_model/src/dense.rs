@@ -19,64 +19,107 @@ impl Lu {
 
     /// Factors `self.a` in place. False when it is singular to working precision (the factors are then unusable).
     pub fn factor(&mut self) -> bool {
-        let n = self.n;
-        for i in 0..n {
-            self.row[i] = i;
-            let largest = self.a[i * n..(i + 1) * n].iter().fold(0.0f64, |m, v| m.max(v.abs()));
-            if largest == 0.0 || !largest.is_finite() {
-                return false;
-            }
-            self.scale[i] = 1.0 / largest;
+        let (a, row, scale) = (&mut self.a[..], &mut self.row[..], &mut self.scale[..]);
+        // The sizes of most models, with the loops unrolled.
+        match self.n {
+            0 => true,
+            1 => factor::<1>(1, a, row, scale),
+            2 => factor::<2>(2, a, row, scale),
+            3 => factor::<3>(3, a, row, scale),
+            4 => factor::<4>(4, a, row, scale),
+            5 => factor::<5>(5, a, row, scale),
+            6 => factor::<6>(6, a, row, scale),
+            n => factor::<0>(n, a, row, scale),
         }
-        for k in 0..n {
-            let mut best = k;
-            let mut size = 0.0;
-            for i in k..n {
-                let s = self.a[self.row[i] * n + k].abs() * self.scale[self.row[i]];
-                if s > size {
-                    size = s;
-                    best = i;
-                }
-            }
-            if size < 1e-14 {
-                return false;
-            }
-            self.row.swap(k, best);
-            let p = self.row[k] * n;
-            let inverse = 1.0 / self.a[p + k];
-            for i in k + 1..n {
-                let r = self.row[i] * n;
-                let f = self.a[r + k] * inverse;
-                self.a[r + k] = f;
-                if f != 0.0 {
-                    for j in k + 1..n {
-                        self.a[r + j] -= f * self.a[p + j];
-                    }
-                }
-            }
-        }
-        true
     }
 
     /// Solves in place.
     pub fn solve(&mut self, b: &mut [f64]) {
-        let n = self.n;
-        for i in 0..n {
-            let r = self.row[i] * n;
-            let mut s = b[self.row[i]];
-            for j in 0..i {
-                s -= self.a[r + j] * self.work[j];
-            }
-            self.work[i] = s;
+        let (a, row, work) = (&self.a[..], &self.row[..], &mut self.work[..]);
+        match self.n {
+            0 => {}
+            1 => solve::<1>(1, a, row, work, b),
+            2 => solve::<2>(2, a, row, work, b),
+            3 => solve::<3>(3, a, row, work, b),
+            4 => solve::<4>(4, a, row, work, b),
+            5 => solve::<5>(5, a, row, work, b),
+            6 => solve::<6>(6, a, row, work, b),
+            n => solve::<0>(n, a, row, work, b),
         }
-        for i in (0..n).rev() {
-            let r = self.row[i] * n;
-            let mut s = self.work[i];
-            for j in i + 1..n {
-                s -= self.a[r + j] * b[j];
-            }
-            b[i] = s / self.a[r + i];
+    }
+}
+
+/// The factors, rows exchanged in place, reciprocal pivots on the diagonal. `N` = n where it is known at compile time,
+/// else 0.
+#[inline(always)]
+fn factor<const N: usize>(n: usize, a: &mut [f64], row: &mut [usize], scale: &mut [f64]) -> bool {
+    let n = if N > 0 { N } else { n };
+    let (a, row, scale) = (&mut a[..n * n], &mut row[..n], &mut scale[..n]);
+    for i in 0..n {
+        row[i] = i;
+        let mut largest = 0.0f64;
+        let mut sum = 0.0;
+        for j in 0..n {
+            largest = largest.max(a[i * n + j].abs());
+            sum += a[i * n + j];
         }
+        if largest == 0.0 || !sum.is_finite() {
+            return false;
+        }
+        scale[i] = 1.0 / largest;
+    }
+    for k in 0..n {
+        let mut best = k;
+        let mut size = 0.0;
+        for i in k..n {
+            let s = a[i * n + k].abs() * scale[i];
+            if s > size {
+                size = s;
+                best = i;
+            }
+        }
+        if size < 1e-14 {
+            return false;
+        }
+        if best != k {
+            row.swap(k, best);
+            scale.swap(k, best);
+            for j in 0..n {
+                a.swap(k * n + j, best * n + j);
+            }
+        }
+        let inverse = 1.0 / a[k * n + k];
+        a[k * n + k] = inverse;
+        for i in k + 1..n {
+            let f = a[i * n + k] * inverse;
+            a[i * n + k] = f;
+            if f != 0.0 {
+                for j in k + 1..n {
+                    a[i * n + j] -= f * a[k * n + j];
+                }
+            }
+        }
+    }
+    true
+}
+
+#[inline(always)]
+fn solve<const N: usize>(n: usize, a: &[f64], row: &[usize], work: &mut [f64], b: &mut [f64]) {
+    let n = if N > 0 { N } else { n };
+    let (a, row, work, b) = (&a[..n * n], &row[..n], &mut work[..n], &mut b[..n]);
+    for i in 0..n {
+        let mut s = b[row[i]];
+        for j in 0..i {
+            s -= a[i * n + j] * work[j];
+        }
+        work[i] = s;
+    }
+    for i in (0..n).rev() {
+        let mut s = work[i];
+        for j in i + 1..n {
+            s -= a[i * n + j] * b[j];
+        }
+        b[i] = s * a[i * n + i];
     }
 }
 

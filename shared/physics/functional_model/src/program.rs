@@ -123,7 +123,6 @@ enum Step {
 /// A compiled list of expressions of some leaves.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Program {
-    inputs: usize,
     steps: Vec<Step>,
     registers: usize,
     outputs: Vec<u32>,
@@ -144,7 +143,7 @@ impl Program {
         inputs: usize,
         leaf: &dyn Fn(&Node) -> Option<usize>,
     ) -> Program {
-        let mut p = Program { inputs, registers: inputs, ..Program::default() };
+        let mut p = Program { registers: inputs, ..Program::default() };
         let mut at: BTreeMap<Id, u32> = BTreeMap::new();
         for group in groups.iter().map(Vec::as_slice).chain([roots]) {
             for id in pool.below(group) {
@@ -418,7 +417,8 @@ fn execute(steps: &[Step], r: &mut [f64], tables: &[Table]) {
             Step::Divide { to, a, b } => (to, r[a as usize] / r[b as usize]),
             Step::Power { to, a, k } => (to, multiply_power(1.0, r[a as usize], k)),
             Step::Abs { to, a } => (to, r[a as usize].abs()),
-            Step::Exp { to, a } => (to, r[a as usize].exp()),
+            // Far below, the library's exp takes its slow way to the same zero.
+            Step::Exp { to, a } => (to, if r[a as usize] < -746.0 { 0.0 } else { r[a as usize].exp() }),
             Step::Sign { to, a } => (to, Fun::Sign.apply(&[r[a as usize]])),
             Step::Min { to, a, b } => (to, r[a as usize].min(r[b as usize])),
             Step::Max { to, a, b } => (to, r[a as usize].max(r[b as usize])),
