@@ -1,7 +1,7 @@
 //! A simulated signal against a measured one: what the measurement is like, how far it lies behind, how well the two
 //! agree once aligned. Definitions: root mean square (rms) of the difference over the common time; its relative form
-//! over the rms of the measured signal about its mean; gain and bias of the least-squares line measured = gain * model
-//! + bias; Pearson's correlation. The lag is where the correlation is largest, so that gain and bias do not move it.
+//! over the rms of the measured signal about its mean; gain and bias of the least-squares line
+//! `measured = gain * model + bias`; Pearson's correlation. The lag is where the correlation is largest, so that gain and bias do not move it.
 //! Times rise; values between samples are linear.
 
 /// A signal over rising times.
@@ -140,7 +140,7 @@ fn strongest_line(signal: Signal, mean: f64, rms: f64, first: f64, duration: f64
 /// either is constant.
 pub fn lag_s(model: Signal, measured: Signal, lag_max_s: f64) -> f64 {
     let spacing = analyse_spacing(model).max(lag_max_s / 2000.0);
-    if !(spacing > 0.0) || lag_max_s <= 0.0 {
+    if spacing.is_nan() || spacing <= 0.0 || lag_max_s <= 0.0 {
         return 0.0;
     }
     let value = |lag: f64| {

@@ -97,13 +97,13 @@ impl Rows {
 
     /// The part of row i over what is known.
     #[inline]
-    pub fn from_known(&self, i: usize, known: &[f64]) -> f64 {
+    pub fn known_part(&self, i: usize, known: &[f64]) -> f64 {
         self.sparse_known.dot(i, known)
     }
 
     /// The part of row i over the core.
     #[inline]
-    pub fn from_core(&self, i: usize, core: &[f64]) -> f64 {
+    pub fn core_part(&self, i: usize, core: &[f64]) -> f64 {
         self.sparse_core.dot(i, core)
     }
 
@@ -118,7 +118,7 @@ impl Rows {
     /// Value of row i.
     #[inline]
     pub fn value(&self, i: usize, known: &[f64], core: &[f64]) -> f64 {
-        self.from_known(i, known) + self.from_core(i, core)
+        self.known_part(i, known) + self.core_part(i, core)
     }
 
     pub fn needs_core(&self) -> bool {
@@ -482,7 +482,7 @@ impl Newton {
     /// Registers and residual at the trial point.
     fn evaluate(&mut self, kernel: &Kernel, args: &Rows, equations: &Rows) {
         for a in 0..args.count {
-            self.registers[a] = self.base[a] + args.from_core(a, &self.trial);
+            self.registers[a] = self.base[a] + args.core_part(a, &self.trial);
         }
         kernel.program.run_phases(0, kernel.value_phases(), &mut self.registers, &kernel.tables);
         self.residual_from_registers(kernel, equations);
@@ -491,7 +491,7 @@ impl Newton {
     fn residual_from_registers(&mut self, kernel: &Kernel, equations: &Rows) {
         for i in 0..self.residual.len() {
             self.residual[i] = self.base_equation[i]
-                + equations.from_core(i, &self.trial)
+                + equations.core_part(i, &self.trial)
                 + kernel.program.output(&self.registers, i);
         }
     }
@@ -572,7 +572,7 @@ impl Newton {
     /// iterate. (An unknown that is the small difference of large flows never gets better than their rounding.)
     fn unmoved(&self, args: &Rows) -> bool {
         (0..args.count)
-            .all(|a| args.from_core(a, &self.delta).abs() <= 1e-13 * self.registers[a].abs() + 1e-16)
+            .all(|a| args.core_part(a, &self.delta).abs() <= 1e-13 * self.registers[a].abs() + 1e-16)
     }
 
     fn iterate(
@@ -587,10 +587,10 @@ impl Newton {
     ) -> Solve {
         let nc = core.len();
         for a in 0..args.count {
-            self.base[a] = args.from_known(a, known);
+            self.base[a] = args.known_part(a, known);
         }
         for i in 0..nc {
-            self.base_equation[i] = equations.from_known(i, known);
+            self.base_equation[i] = equations.known_part(i, known);
         }
         let size = |d: &[f64], c: &[f64]| {
             d.iter().zip(c).fold(0.0f64, |m, (d, c)| {

@@ -194,6 +194,37 @@ fn driveline_drives_both_wheels_alike_and_keeps_its_energy() {
 }
 
 #[test]
+fn the_cars_driveline_shifts_locks_up_and_keeps_its_energy() {
+    let system = show(shipped("driveline_automatic.toml").compose(&Parameters::new()));
+    let mut c = show(system.compile(CompileOptions { account: true, ..CompileOptions::default() }));
+    let index = |n: &str| system.input_names().iter().position(|x| x == n).unwrap();
+    let (mut worst, mut open) = (0.0f64, 0.0f64);
+    for k in 0..8000 {
+        let t = f64::from(k) * 1e-3;
+        let mut u = vec![0.0; system.input_names().len()];
+        u[index("pedal")] = if t < 6.0 { 0.4 } else { 0.0 };
+        u[index("ratio")] = if t < 2.0 { 2.37 } else { (2.37 - (t - 2.0) * 2.4).max(1.56) };
+        u[index("lock_up")] = (t - 3.0).clamp(0.0, 1.0);
+        u[index("left.wb")] = 40.0 + 2.0 * t;
+        u[index("right.wb")] = 40.0 + 2.0 * t;
+        let s = c.step(&u, 1e-3);
+        assert!(!s.not_converged && !s.state_held, "step {k}: {s:?}");
+        let a = c.account().unwrap();
+        worst = worst.max(a.worst_residual());
+        open = open.max(a.imbalance_j().abs() / a.moved_j.max(1.0));
+        if k == 5900 {
+            let (left, engine) = (c.output("left_torque").unwrap(), c.output("engine_torque").unwrap());
+            // Half of the engine's torque through both ratios, less what speeds up crank and input shaft.
+            let want = 0.5 * 1.56 * 3.7 * (engine - 0.18 * 2.0 * 1.56 * 3.7);
+            assert!((left / want - 1.0).abs() < 0.02, "{left} {want}");
+        }
+    }
+    println!("driveline_automatic: residual {worst:.1e}, imbalance {open:.1e}");
+    assert!(c.output("left_torque").unwrap() < 0.0, "overrun brakes");
+    assert!(worst < 1e-12 && open < 1e-10);
+}
+
+#[test]
 fn cardan_joints() {
     let chain = |phase: &str| {
         let text = format!(

@@ -172,7 +172,8 @@ impl ComposedUnit {
                  a steering unit turns left"
             ));
         }
-        if !((moved / self.ratio - 1.0).abs() <= RATIO_TOLERANCE) {
+        let off = (moved / self.ratio - 1.0).abs();
+        if off.is_nan() || off > RATIO_TOLERANCE {
             let turn = core::f64::consts::TAU;
             return Err(format!(
                 "the model's rack moves {:.4} m for one turn of the wheel; the unit's file states {:.4} m/rev",

@@ -74,7 +74,7 @@ pub fn run(drive: &DriveArgs, system: &System, series: Option<&Series>, keep: &K
         .map_err(|errors| lines(&errors))?;
     let sources = sources(drive, system, series)?;
     let dt = drive.dt.or(system.sample_s()).unwrap_or(STEP_S);
-    if !(dt > 0.0 && dt.is_finite()) {
+    if dt <= 0.0 || !dt.is_finite() {
         return Err(format!("--dt {dt}: must be above 0"));
     }
     let begin = series.map_or(0.0, |s| s.time_s[0]);
@@ -84,7 +84,7 @@ pub fn run(drive: &DriveArgs, system: &System, series: Option<&Series>, keep: &K
         (None, None) => return Err("how long? give --duration, or --input with a drive".to_owned()),
     };
     let steps = (length / dt).round();
-    if !(steps >= 1.0) || steps > STEPS_MAX {
+    if !(1.0..=STEPS_MAX).contains(&steps) {
         return Err(format!("--duration {length}: must be 1 to {STEPS_MAX:e} steps of {dt} s"));
     }
     if !drive.start.is_empty() {
