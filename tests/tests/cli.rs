@@ -70,7 +70,7 @@ const EDITS: &[(&str, &str, &[&str])] = &[
     ("frequency_hz = 0.3", "frequency_hz = 0.0", &["mine.toml:11:", "frequency_hz"]),
     ("cycles = 2.0", "cycles = true", &["mine.toml:12:", "cycles"]),
     ("[steer]", "[timing]\nperiod_ms = 0.7\n[steer]", &["mine.toml:8:", "period_ms", "0.25"]),
-    ("[steer]", "[limits]\nstale_after_ticks = 0\n[steer]", &["mine.toml:8:", "stale_after_ticks"]),
+    ("[steer]", "[limits]\ncatch_up_max_ticks = 0\n[steer]", &["mine.toml:8:", "catch_up_max_ticks"]),
     ("[steer]", "[realtime.cores]\nrig = 5000\n[steer]", &["mine.toml:8:", "rig", "1023"]),
     ("[steer]", "[steering]", &["mine.toml:7:", "steering", "unknown", "steer"]),
 ];

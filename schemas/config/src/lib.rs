@@ -21,6 +21,7 @@ pub mod tree;
 pub mod unit;
 pub mod unit_name;
 mod validate;
+pub mod wheel;
 
 pub use bench::{ResolvedBench, TextFile};
 pub use check::{Broken, Check, Checker};

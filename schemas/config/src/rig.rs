@@ -4,7 +4,7 @@
 //! `geometry` and `control` describe what the controller knows of the machine; `plant` is the virtual
 //! machine itself, so that control can be tried on a machine that differs from what it was told.
 
-use crate::unit::Friction;
+use crate::unit::LinearFriction;
 use crate::{Check, Checker};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -60,6 +60,9 @@ pub struct Plant {
     /// Transport delay from sensors to controller. [s], [0, 0.02], whole sub-steps
     #[schemars(range(min = 0.0, max = 0.02))]
     pub measurement_delay_s: f64,
+    /// Whether the machine goes from one command to the next in a straight line over a period, instead of in a step.
+    /// Smoother, and half a period later.
+    pub interpolate_commands: bool,
     /// Horizontal axis; `mass_kg` acts at the tip of the upper arm.
     pub horizontal: HydraulicAxis,
     /// Vertical axis; `mass_kg` is what it lifts.
@@ -111,8 +114,8 @@ pub struct HydraulicAxis {
     /// Leakage between the chambers. [m³/(s·Pa)], [0, 1e-9]
     #[schemars(range(min = 0.0, max = 1e-9))]
     pub leakage_m3_s_pa: f64,
-    /// Friction of the cylinder. [N], [m]
-    pub friction: Friction,
+    /// Friction of the cylinder.
+    pub friction: LinearFriction,
     /// Moving mass. [kg], (0, 2000]
     #[schemars(range(max = 2000.0), extend("exclusiveMinimum" = 0.0))]
     pub mass_kg: f64,
@@ -154,30 +157,82 @@ pub struct SteerAxis {
     pub torque_bandwidth_hz: f64,
 }
 
-/// Errors of one sensor: non-linearity, hysteresis, gain and offset are drawn once a run; noise once a sample.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+/// Makes a section for the sensors of one unit; the errors relative to full scale have none.
+macro_rules! sensor_section {
+    ($(#[$doc:meta])* $name:ident, $unit:literal, $range:ident, $noise:ident) => {
+        $(#[$doc])*
+        /// Non-linearity, hysteresis, gain and offset are drawn once a run; noise once a sample.
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        pub struct $name {
+            #[doc = concat!("Largest magnitude it converts, to 16 bits; the full scale of the errors. [", $unit, "], (0, 1e6]")]
+            #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
+            pub $range: f64,
+            /// Largest non-linearity over full scale. [-], [0, 0.1]
+            #[schemars(range(min = 0.0, max = 0.1))]
+            pub nonlinearity_ratio: f64,
+            /// Largest hysteresis over full scale. [-], [0, 0.1]
+            #[schemars(range(min = 0.0, max = 0.1))]
+            pub hysteresis_ratio: f64,
+            /// Largest offset from run to run over full scale. [-], [0, 0.1]
+            #[schemars(range(min = 0.0, max = 0.1))]
+            pub repeatability_ratio: f64,
+            /// Largest error that a tare removes, over full scale. [-], [0, 0.2]
+            #[schemars(range(min = 0.0, max = 0.2))]
+            pub zero_balance_ratio: f64,
+            /// Largest error over reading. [-], [0, 0.1]
+            #[schemars(range(min = 0.0, max = 0.1))]
+            pub gain_error_ratio: f64,
+            #[doc = concat!("Standard deviation of the noise of a sample. [", $unit, "], [0, 1e5]")]
+            #[schemars(range(min = 0.0, max = 1e5))]
+            pub $noise: f64,
+        }
+
+        impl From<&$name> for Sensor {
+            fn from(s: &$name) -> Self {
+                Self {
+                    range: s.$range,
+                    nonlinearity: s.nonlinearity_ratio,
+                    hysteresis: s.hysteresis_ratio,
+                    repeatability: s.repeatability_ratio,
+                    zero_balance: s.zero_balance_ratio,
+                    gain: s.gain_error_ratio,
+                    noise: s.$noise,
+                }
+            }
+        }
+    };
+}
+
+sensor_section!(
+    /// Errors of a force cell.
+    ForceSensor, "N", range_n, noise_n
+);
+sensor_section!(
+    /// Errors of a displacement sensor.
+    LengthSensor, "m", range_m, noise_m
+);
+sensor_section!(
+    /// Errors of a torque cell.
+    TorqueSensor, "N·m", range_n_m, noise_n_m
+);
+
+/// A sensor of any unit, as the sensor model takes it. Ratios are over full scale, `gain` over the reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensor {
-    /// Largest magnitude it converts, to 16 bits; the full scale of the errors. In the sensor's unit, (0, 1e6]
-    #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
+    /// Full scale.
     pub range: f64,
-    /// Largest non-linearity over full scale. [-], [0, 0.1]
-    #[schemars(range(min = 0.0, max = 0.1))]
+    /// Largest non-linearity. [-]
     pub nonlinearity: f64,
-    /// Largest hysteresis over full scale. [-], [0, 0.1]
-    #[schemars(range(min = 0.0, max = 0.1))]
+    /// Largest hysteresis. [-]
     pub hysteresis: f64,
-    /// Largest offset from run to run over full scale. [-], [0, 0.1]
-    #[schemars(range(min = 0.0, max = 0.1))]
+    /// Largest offset from run to run. [-]
     pub repeatability: f64,
-    /// Largest error that a tare removes, over full scale. [-], [0, 0.2]
-    #[schemars(range(min = 0.0, max = 0.2))]
+    /// Largest error that a tare removes. [-]
     pub zero_balance: f64,
-    /// Largest error over reading. [-], [0, 0.1]
-    #[schemars(range(min = 0.0, max = 0.1))]
+    /// Largest error over the reading. [-]
     pub gain: f64,
-    /// Standard deviation of the noise of a sample. In the sensor's unit, [0, 1e5]
-    #[schemars(range(min = 0.0, max = 1e5))]
+    /// Standard deviation of a sample's noise.
     pub noise: f64,
 }
 
@@ -188,19 +243,20 @@ pub struct Sensors {
     /// Whether cells and potentiometers are tared, unloaded and centred, before the run.
     pub tare_at_start: bool,
     /// Load cell in each tie rod. [N]
-    pub tie_rod_force: Sensor,
+    pub tie_rod_force: ForceSensor,
     /// Load cell on each horizontal cylinder. [N]
-    pub actuator_force: Sensor,
+    pub actuator_force: ForceSensor,
     /// Stroke of each horizontal cylinder. [m]
-    pub horizontal_stroke: Sensor,
+    pub horizontal_stroke: LengthSensor,
     /// Stroke of each vertical cylinder. [m]
-    pub vertical_stroke: Sensor,
+    pub vertical_stroke: LengthSensor,
     /// String potentiometer at the rack. [m]
-    pub rack_displacement: Sensor,
-    /// Torque cell of the steer axis: error is the larger of `gain` of reading and `nonlinearity` of full scale. [N·m]
-    pub steering_torque: Sensor,
+    pub rack_displacement: LengthSensor,
+    /// Torque cell of the steer axis: error is the larger of `gain_error_ratio` of reading and
+    /// `nonlinearity_ratio` of full scale. [N·m]
+    pub steering_torque: TorqueSensor,
     /// Torque sensor of the unit's ECU. [N·m]
-    pub torsion_bar_torque: Sensor,
+    pub torsion_bar_torque: TorqueSensor,
     /// Resolution of the steering-angle encoder. [rad], (0, 0.1]; 0.005° = 8.727e-5 rad
     #[schemars(range(max = 0.1), extend("exclusiveMinimum" = 0.0))]
     pub encoder_resolution_rad: f64,
@@ -218,12 +274,16 @@ pub struct Control {
     /// Axial stiffness between arm and rack (leaf spring and tie rod in series). [N/m], (0, 1e9]
     #[schemars(range(max = 1e9), extend("exclusiveMinimum" = 0.0))]
     pub tie_rod_stiffness_n_m: f64,
-    /// Delay from controller to valve: transport and output phase. [s], [0, 0.05]
+    /// Transport delay from controller to valve; the output phase comes on top by itself. [s], [0, 0.05]
     #[schemars(range(min = 0.0, max = 0.05))]
     pub command_delay_s: f64,
     /// Delay from sensor to controller. [s], [0, 0.05]
     #[schemars(range(min = 0.0, max = 0.05))]
     pub measurement_delay_s: f64,
+    /// Below this frequency the rack displacement for the models comes from the potentiometer, above it from the
+    /// pinion's angle (encoder and torsion bar). [rad/s], (0, 100000]; the largest: potentiometer alone
+    #[schemars(range(max = 100000.0), extend("exclusiveMinimum" = 0.0))]
+    pub rack_crossover_rad_s: f64,
     /// Horizontal axis.
     pub horizontal: AxisModel,
     /// Vertical axis.
@@ -254,6 +314,8 @@ pub struct Switches {
     pub pressure_compensation: bool,
     /// Valve gain learnt from the measured stroke.
     pub gain_adaptation: bool,
+    /// The manoeuvre's steering looked up ahead of time, where it is known.
+    pub steering_preview: bool,
 }
 
 /// What the controller believes of a hydraulic axis.
@@ -305,8 +367,8 @@ pub struct ForceLoop {
     /// Bandwidth of the rack-motion observer. [rad/s], (0, 500]
     #[schemars(range(max = 500.0), extend("exclusiveMinimum" = 0.0))]
     pub rack_observer_rad_s: f64,
-    /// Above this frequency the force comes from the actuator's cell, below it from the tie rod's. [rad/s], (0, 1000]
-    #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
+    /// Above this frequency the force comes from the actuator's cell, below it from the tie rod's. [rad/s], (0, 100000]
+    #[schemars(range(max = 100000.0), extend("exclusiveMinimum" = 0.0))]
     pub cell_crossover_rad_s: f64,
     /// Time by which the rack follows the steering angle. [s], [0, 0.1]
     #[schemars(range(min = 0.0, max = 0.1))]
@@ -420,7 +482,7 @@ pub struct Limits {
     /// Steering torque. [N·m], (0, 1000]
     #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
     pub steer_torque_n_m: f64,
-    /// Age of the inputs from which on they count as stale. [ticks], [1, 1000]
+    /// Age of inputs from which on they count as stale, for the rig and for the models. [ticks], [1, 1000]
     #[schemars(range(min = 1, max = 1000))]
     pub stale_ticks: u32,
     /// The rig's own missed ticks that trip. [ticks], [1, 10000]
@@ -522,9 +584,14 @@ impl Check for Rig {
                 c.require(lower <= upper, key, format!("must not exceed {than} = {upper}"));
             };
             below(l.command_force_n, "command_force_n", l.tie_rod_force_n, "tie_rod_force_n");
-            below(l.tie_rod_force_n, "tie_rod_force_n", s.tie_rod_force.range, "sensors.tie_rod_force.range");
-            let actuator = s.actuator_force.range;
-            below(l.actuator_force_n, "actuator_force_n", actuator, "sensors.actuator_force.range");
+            below(
+                l.tie_rod_force_n,
+                "tie_rod_force_n",
+                s.tie_rod_force.range_n,
+                "sensors.tie_rod_force.range_n",
+            );
+            let actuator = s.actuator_force.range_n;
+            below(l.actuator_force_n, "actuator_force_n", actuator, "sensors.actuator_force.range_n_n");
             below(l.command_height_m, "command_height_m", l.vertical_stroke_m, "vertical_stroke_m");
             below(l.command_steer_angle_rad, "command_steer_angle_rad", l.steer_angle_rad, "steer_angle_rad");
             below(

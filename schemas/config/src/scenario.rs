@@ -18,6 +18,7 @@ pub use crate::steer::{
     DriverPath, Frequencies, GrowingSine, LaneChange, Parking, PathFollowing, Ramp, RandomSteer,
     RecordedSteer, Sine, SineWithDwell, Steer, SteerTable, Step, Weave,
 };
+pub use crate::wheel::{WheelInput, WheelSource};
 
 /// One run of the bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -45,7 +46,7 @@ pub struct Scenario {
     pub seed: u64,
     /// The beat of the bench.
     pub timing: Timing,
-    /// When missing data stop being tolerated.
+    /// When missing data stop being tolerated; how old inputs may be is one of the rig's `limits`.
     pub limits: Limits,
     /// Cores, priority and memory of the services.
     pub realtime: Realtime,
@@ -58,6 +59,8 @@ pub struct Scenario {
     /// From this manoeuvre time on nobody holds the hand wheel (returnability). [s], [0, 86400]
     #[schemars(range(min = 0.0, max = 86400.0))]
     pub hands_off_s: Option<f64>,
+    /// A human at a wheel device steers instead of `steer`, which then only says when the manoeuvre is active.
+    pub wheel: Option<WheelInput>,
     /// Spells in which pedals replace the speed controller, in order, not overlapping.
     pub pedals: Option<Vec<PedalSpell>>,
     /// The road and the wind.
@@ -104,16 +107,10 @@ impl Timing {
     }
 }
 
-/// When missing data stop being tolerated.
+/// When missing data stop being tolerated; how old inputs may be is one of the rig's `limits`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
-    /// Age from which an input is stale. [ticks], [1, 1000]
-    #[schemars(range(min = 1, max = 1000))]
-    pub stale_after_ticks: u32,
-    /// Longest holding before the bench trips. [s], (0, 60]
-    #[schemars(extend("exclusiveMinimum" = 0.0), range(max = 60.0))]
-    pub holding_max_s: f64,
     /// Most missed ticks a restarted service steps through to catch up. [ticks], [1, 100000]
     #[schemars(range(min = 1, max = 100_000))]
     pub catch_up_max_ticks: u32,

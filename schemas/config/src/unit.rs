@@ -27,8 +27,8 @@ pub struct SteeringUnit {
     /// Viscous damping of rack and assist motor, at the rack. [N·s/m], [0, 100000]
     #[schemars(range(min = 0.0, max = 100000.0))]
     pub rack_damping_n_s_m: f64,
-    /// Friction of the rack. Force [N], displacement [m].
-    pub rack_friction: Friction,
+    /// Friction of the rack.
+    pub rack_friction: LinearFriction,
     /// Rack travel to each side up to the stop. [m], (0, 0.3]
     #[schemars(range(max = 0.3), extend("exclusiveMinimum" = 0.0))]
     pub rack_stop_m: f64,
@@ -44,8 +44,10 @@ pub struct SteeringUnit {
     /// Damping of the torsion bar. [N·m·s/rad], [0, 10]
     #[schemars(range(min = 0.0, max = 10.0))]
     pub torsion_bar_damping_n_m_s_rad: f64,
-    /// Friction of the upper column. Torque [N·m], angle [rad].
-    pub column_friction: Friction,
+    /// Universal joints between hand wheel and torsion bar; absent: the shaft turns evenly.
+    pub universal_joints: Option<UniversalJoints>,
+    /// Friction of the upper column.
+    pub column_friction: AngularFriction,
     /// Moment of inertia of the upper column without the wheel. [kg·m²], (0, 1]
     #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0))]
     pub column_inertia_kg_m2: f64,
@@ -57,24 +59,84 @@ pub struct SteeringUnit {
     pub assist: Assist,
 }
 
-/// Friction with pre-sliding (LuGre). Translational: N and m; rotational: N·m and rad.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// Two universal joints of the column. One joint of angle β turns unevenly, tan θ₂ = tan θ₁ cos β; the second
+/// undoes it when both angles are equal and `phase_rad` is 0.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+pub struct UniversalJoints {
+    /// Angle between column and intermediate shaft. [rad], [0, 1.2]
+    #[schemars(range(min = 0.0, max = 1.2))]
+    pub upper_angle_rad: f64,
+    /// Angle between intermediate shaft and pinion. [rad], [0, 1.2]
+    #[schemars(range(min = 0.0, max = 1.2))]
+    pub lower_angle_rad: f64,
+    /// By how much the yokes of the intermediate shaft miss the position in which the joints cancel. [rad], [-1.6, 1.6]
+    #[schemars(range(min = -1.6, max = 1.6))]
+    pub phase_rad: f64,
+    /// Hand-wheel angle, from straight ahead to where the upper yoke lies in the plane of its shafts. [rad], [-1.6, 1.6]
+    #[schemars(range(min = -1.6, max = 1.6))]
+    pub yoke_rad: f64,
+}
+
+/// Makes a section for friction along a line or about an axis.
+macro_rules! friction_section {
+    ($(#[$doc:meta])* $name:ident, $sliding:ident [$force:literal], $speed:ident [$speed_unit:literal], $travel:ident [$travel_unit:literal]) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        pub struct $name {
+            #[doc = concat!("Sliding (Coulomb) friction. [", $force, "], [0, 5000]")]
+            #[schemars(range(min = 0.0, max = 5000.0))]
+            pub $sliding: f64,
+            /// Break-away over sliding friction. [-], [1, 3]
+            #[schemars(range(min = 1.0, max = 3.0))]
+            pub breakaway_ratio: f64,
+            #[doc = concat!("Speed at which break-away has faded to sliding (Stribeck). [", $speed_unit, "], (0, 1]")]
+            #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0))]
+            pub $speed: f64,
+            #[doc = concat!("Elastic travel before sliding: sliding friction over bristle stiffness. [", $travel_unit, "], (0, 0.1]")]
+            #[schemars(range(max = 0.1), extend("exclusiveMinimum" = 0.0))]
+            pub $travel: f64,
+            /// Bristle damping over bristle stiffness. [s], [0, 0.1]
+            #[schemars(range(min = 0.0, max = 0.1))]
+            pub bristle_time_s: f64,
+        }
+
+        impl From<&$name> for Friction {
+            fn from(f: &$name) -> Self {
+                Self {
+                    sliding: f.$sliding,
+                    breakaway_ratio: f.breakaway_ratio,
+                    stribeck_speed: f.$speed,
+                    presliding: f.$travel,
+                    bristle_time_s: f.bristle_time_s,
+                }
+            }
+        }
+    };
+}
+
+friction_section!(
+    /// Friction along a line, with pre-sliding (LuGre).
+    LinearFriction, sliding_n ["N"], stribeck_speed_m_s ["m/s"], presliding_m ["m"]
+);
+friction_section!(
+    /// Friction about an axis, with pre-sliding (LuGre).
+    AngularFriction, sliding_n_m ["N·m"], stribeck_speed_rad_s ["rad/s"], presliding_rad ["rad"]
+);
+
+/// Friction of either kind, as the friction model takes it.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Friction {
-    /// Sliding (Coulomb) friction. [N] or [N·m], [0, 5000]
-    #[schemars(range(min = 0.0, max = 5000.0))]
+    /// Sliding friction. [N] or [N·m]
     pub sliding: f64,
-    /// Break-away over sliding friction. [-], [1, 3]
-    #[schemars(range(min = 1.0, max = 3.0))]
+    /// Break-away over sliding friction. [-]
     pub breakaway_ratio: f64,
-    /// Speed at which break-away has faded to sliding (Stribeck). [m/s] or [rad/s], (0, 1]
-    #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0))]
+    /// Stribeck speed. [m/s] or [rad/s]
     pub stribeck_speed: f64,
-    /// Elastic displacement before sliding: sliding friction over bristle stiffness. [m] or [rad], (0, 0.1]
-    #[schemars(range(max = 0.1), extend("exclusiveMinimum" = 0.0))]
+    /// Elastic travel before sliding. [m] or [rad]
     pub presliding: f64,
-    /// Bristle damping over bristle stiffness. [s], [0, 0.1]
-    #[schemars(range(min = 0.0, max = 0.1))]
+    /// Bristle damping over bristle stiffness. [s]
     pub bristle_time_s: f64,
 }
 

@@ -31,7 +31,7 @@ payload! {
 
 payload! {
     /// What the rig's sensors said at the start of the tick.
-    RigMeasurement version 1 {
+    RigMeasurement version 2 {
         /// Tick.
         tick: u64 One "1",
         /// Time of the sample since the start of the run.
@@ -48,9 +48,11 @@ payload! {
         torsion_bar_torque_n_m: f64 One "N*m",
         /// Assist torque or force as its motor torque at the pinion.
         assist_torque_n_m: f64 One "N*m",
-        /// Rack displacement, left positive.
+        /// Rack displacement, left positive: potentiometer and pinion joined, what the models take.
         rack_displacement_m: f64 One "m",
-        /// Rack speed, left positive, from the measured stroke.
+        /// Reading of the rack's potentiometer, left positive.
+        rack_potentiometer_m: f64 One "m",
+        /// Rack speed, left positive, from the displacement.
         rack_speed_m_s: f64 One "m/s",
         /// Tie-rod axial force, tension positive.
         tie_rod_force_n: f64 Side "N",
@@ -209,7 +211,7 @@ payload! {
 
 payload! {
     /// What the rig did in the tick: commands that reached the plant, safety, energy.
-    RigStatus version 1 {
+    RigStatus version 2 {
         /// Tick.
         tick: u64 One "1",
         /// Time the command acted.
@@ -256,6 +258,8 @@ payload! {
         steer_torque_command_n_m: f64 One "N*m",
         /// Energy fed into the steering at the tie-rod ports by the tracking error, since the start.
         port_energy_j: f64 One "J",
+        /// The same over the last full steering cycle.
+        port_energy_cycle_j: f64 One "J",
         /// The same, per second, over the last second.
         port_power_w: f64 One "W",
         /// Estimated delay from force command to measured force.

@@ -42,6 +42,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Solve a suspension on its own: poses, joint and tie-rod forces, curves, methods compared
     Suspension(SuspensionArgs),
+    /// What the rig can do: tracking table, identification, response, tick rates, friction loops
+    Rig(crate::commands::rig::RigArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell

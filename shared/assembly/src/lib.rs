@@ -4,7 +4,9 @@
 //! crate and writes its region. The rules for inputs that do not come are the same for vehicle and
 //! multibody ([`Guard`]); the rig's are safety's.
 
+pub mod closed_loop;
 mod guard;
+pub mod identification;
 mod kinematics;
 pub mod manifest;
 mod multibody_node;
@@ -12,6 +14,7 @@ mod rig_node;
 mod road;
 pub mod service;
 mod vehicle_node;
+pub mod wheel;
 
 pub use guard::Guard;
 pub use kinematics::axle_kinematics;

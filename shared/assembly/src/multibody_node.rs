@@ -57,7 +57,7 @@ impl MultibodyNode {
                 ["the design pose cannot be solved: check the hardpoints"],
             ));
         }
-        let limit = resolved.scenario.limits.stale_after_ticks;
+        let limit = resolved.rig.limits.stale_ticks;
         let mut last = SuspensionState::absent();
         (last.used_rig_measurement, last.used_vehicle_state) = (NO_TICK, NO_TICK);
         let ball_design_m = [output.side[0].tie_rod_ball_m.z, output.side[1].tie_rod_ball_m.z];

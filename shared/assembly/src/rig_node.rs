@@ -5,6 +5,7 @@
 //! output phases that were really executed; what follows from it is safety's.
 
 use crate::AssemblyError;
+use crate::wheel::Wheel;
 use config::rig::Rig;
 use config::{Broken, ResolvedBench};
 use manoeuvre::{HandWheel, Manoeuvre};
@@ -12,8 +13,8 @@ use regions::{
     Bench, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
     rig_flags,
 };
-use rig_control::{ControlDiagnostics, RigCommand, RigController, SteerCommand, SteerPreview};
-use rig_plant::{Actuation, Measurement, RigEnvironment, VirtualRig};
+use rig_control::{ControlDiagnostics, RackEstimate, RigCommand, RigController, SteerCommand, SteerPreview};
+use rig_plant::{Actuation, Channel, Measurement, RigEnvironment, VirtualRig};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 use safety::{OperatorRequest, Safety, SafetyInput};
 
@@ -58,6 +59,9 @@ pub struct RigNode {
     actuation: Actuation,
     command: RigCommand,
     diagnostics: ControlDiagnostics,
+    /// A human at a wheel device, in place of the manoeuvre's steering.
+    wheel: Option<Wheel>,
+    rack: RackEstimate,
     rack_speed: RackSpeed,
     started: bool,
     missed: u64,
@@ -139,7 +143,8 @@ impl RigNode {
         status.flags = rig_flags::VIRTUAL;
         Ok(RigNode {
             plant: VirtualRig::new(&rig, unit, scenario.seed, period_s).map_err(refused("rig"))?,
-            controller: RigController::new(&rig, unit, period_s).map_err(refused("rig"))?,
+            controller: RigController::with_phase(&rig, unit, period_s, f64::from(before) * step_s)
+                .map_err(refused("rig"))?,
             safety: Safety::new(&rig, unit, period_s, true).map_err(refused("rig"))?,
             manoeuvre,
             period_s,
@@ -151,6 +156,8 @@ impl RigNode {
             actuation: Actuation::default(),
             command: RigCommand::default(),
             diagnostics: ControlDiagnostics::default(),
+            wheel: scenario.wheel.as_ref().map(|wheel| Wheel::new(wheel, period_s)).transpose()?,
+            rack: RackEstimate::new(unit, &rig.control, period_s),
             rack_speed: RackSpeed::new(period_s),
             started: false,
             missed: 0,
@@ -193,8 +200,12 @@ impl RigNode {
         region.steering_wheel_torque_n_m = m.steering_wheel_torque_n_m;
         region.torsion_bar_torque_n_m = m.torsion_bar_torque_n_m;
         region.assist_torque_n_m = m.assist_torque_n_m;
-        region.rack_displacement_m = m.rack_displacement_m;
-        region.rack_speed_m_s = self.rack_speed.step(m.rack_displacement_m);
+        // A potentiometer that is not believed is not joined: the models then judge the reading itself.
+        let rack_m = self.rack.step(m);
+        let believed = m.is_valid(Channel::RackDisplacement) && m.rack_displacement_m.is_finite();
+        region.rack_displacement_m = if believed { rack_m } else { m.rack_displacement_m };
+        region.rack_potentiometer_m = m.rack_displacement_m;
+        region.rack_speed_m_s = self.rack_speed.step(region.rack_displacement_m);
         region.tie_rod_force_n = m.tie_rod_force_n;
         region.actuator_force_n = m.actuator_force_n;
         region.horizontal_stroke_m = m.horizontal_stroke_m;
@@ -255,6 +266,14 @@ impl RigNode {
                     rate_rad_s: car.steering_wheel_rate_command_rad_s,
                 }
             };
+            let torque = self.measurement.steering_wheel_torque_n_m;
+            let human = self.wheel.as_mut().map(|wheel| wheel.step(step.n as f64 * self.period_s, torque));
+            let steer = match human {
+                None => steer,
+                Some(Some((angle_rad, rate_rad_s))) => SteerCommand::Angle { angle_rad, rate_rad_s },
+                // The device is gone: hands off.
+                Some(None) => SteerCommand::Free,
+            };
             let ahead = self.manoeuvre.at(car.time_s + self.controller.preview_lead_s());
             self.command = RigCommand {
                 tie_rod_force_n: suspension.tie_rod_force_n,
@@ -262,7 +281,7 @@ impl RigNode {
                 ball_height_velocity_m_s: suspension.ball_height_speed_m_s,
                 steer,
                 preview: SteerPreview {
-                    valid: ahead.hand_wheel == HandWheel::Commanded,
+                    valid: human.is_none() && ahead.hand_wheel == HandWheel::Commanded,
                     angle_rad: ahead.steering_wheel_angle_rad,
                     rate_rad_s: ahead.steering_wheel_rate_rad_s,
                 },
@@ -330,6 +349,7 @@ impl RigNode {
         status.vertical_valve_ratio = self.actuation.vertical_valve;
         status.steer_torque_command_n_m = self.actuation.steer_torque_n_m;
         status.port_energy_j = self.diagnostics.energy_total_j;
+        status.port_energy_cycle_j = self.diagnostics.energy_cycle_j;
         status.port_power_w = self.diagnostics.energy_second_j;
         status.loop_delay_s = if self.diagnostics.loop_delay_known == 0 {
             f64::NAN

@@ -73,7 +73,7 @@ impl VehicleNode {
                 Gear::Neutral => GearMode::Neutral,
                 Gear::Reverse => GearMode::Reverse,
             },
-            guard: Guard::new(scenario.limits.stale_after_ticks),
+            guard: Guard::new(resolved.rig.limits.stale_ticks),
             rack_m: 0.0,
             used_tick: NO_TICK,
             restored: false,

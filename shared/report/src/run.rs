@@ -74,16 +74,22 @@ impl<'a> Run<'a> {
         region.ticks.len().checked_sub(1).map(|row| region.row(row)[index])
     }
 
-    /// Where the manoeuvre steers; a missing tick is as the one before it.
+    /// Where the manoeuvre steers and the bench is running: the soft start and stop, whose commands fade, are not
+    /// judged. A missing tick is as the one before it.
     pub fn active(&self) -> Option<Vec<bool>> {
-        let mut active = false;
+        const RUNNING: u64 = 4;
+        let states = self.words("rig_status", "state").unwrap_or_default();
+        // A log without the rig's status is judged whole.
+        let (mut active, mut running) = (false, states.is_empty());
         let words = self.words("vehicle_state", "manoeuvre_active")?;
         Some(
             words
                 .into_iter()
-                .map(|word| {
+                .enumerate()
+                .map(|(i, word)| {
                     active = word.map_or(active, |w| w == 1);
-                    active
+                    running = states.get(i).copied().flatten().map_or(running, |state| state == RUNNING);
+                    active && running
                 })
                 .collect(),
         )

@@ -67,6 +67,10 @@ pub struct RunSummary {
     pub torque_over_acceleration: LoopFigures,
     /// Energy fed into the steering by the tracking error over the run. \[J\]
     pub port_energy_j: Option<f64>,
+    /// Largest of it in one steering cycle. \[J\]
+    pub port_energy_cycle_max_j: Option<f64>,
+    /// Largest of it in one second. \[J\]
+    pub port_energy_second_max_j: Option<f64>,
     /// Largest estimated delay from force command to measured force. \[s\]
     pub loop_delay_max_s: Option<f64>,
     /// The multibody solver.
@@ -301,6 +305,8 @@ pub fn summarise(log: &LogReader, overlays: &[Overlay], limits: &Limits) -> RunS
         torque_over_angle: torque_loop(&run, "rig_measurement", "steering_wheel_angle_rad"),
         torque_over_acceleration: torque_loop(&run, "vehicle_state", "acceleration_m_s2.y"),
         port_energy_j: run.last("rig_status", "port_energy_j").and_then(|w| known(f64::from_bits(w))),
+        port_energy_cycle_max_j: peak_of("rig_status", "port_energy_cycle_j"),
+        port_energy_second_max_j: peak_of("rig_status", "port_power_w"),
         loop_delay_max_s: peak_of("rig_status", "loop_delay_s"),
         solver: solver(&run),
         timing: ["rig", "vehicle", "multibody"]

@@ -37,21 +37,21 @@ impl Watch {
     pub fn new(rig: &Rig, unit: &SteeringUnit, period_s: f64) -> Self {
         let s = &rig.sensors;
         // A reading counts as frozen only where its noise spans steps of the 16-bit conversion.
-        let noise = |sensor: &config::rig::Sensor| sensor.noise > 0.5 * sensor.range / 32767.0;
+        let noisy = |sensor: config::rig::Sensor| sensor.noise > 0.5 * sensor.range / 32767.0;
         let noisy_channels = [
             false,
-            noise(&s.steering_torque),
-            noise(&s.torsion_bar_torque),
+            noisy((&s.steering_torque).into()),
+            noisy((&s.torsion_bar_torque).into()),
             false,
-            noise(&s.rack_displacement),
-            noise(&s.tie_rod_force),
-            noise(&s.tie_rod_force),
-            noise(&s.actuator_force),
-            noise(&s.actuator_force),
-            noise(&s.horizontal_stroke),
-            noise(&s.horizontal_stroke),
-            noise(&s.vertical_stroke),
-            noise(&s.vertical_stroke),
+            noisy((&s.rack_displacement).into()),
+            noisy((&s.tie_rod_force).into()),
+            noisy((&s.tie_rod_force).into()),
+            noisy((&s.actuator_force).into()),
+            noisy((&s.actuator_force).into()),
+            noisy((&s.horizontal_stroke).into()),
+            noisy((&s.horizontal_stroke).into()),
+            noisy((&s.vertical_stroke).into()),
+            noisy((&s.vertical_stroke).into()),
         ];
         let mut noisy = 0;
         for (i, on) in noisy_channels.into_iter().enumerate() {

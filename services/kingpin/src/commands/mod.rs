@@ -3,6 +3,7 @@
 mod configuration;
 mod log;
 mod procedure;
+pub mod rig;
 mod run;
 mod service;
 mod summary;
@@ -27,6 +28,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Compare(args) => log::compare(&args),
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
+        Command::Rig(args) => rig::rig(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());

@@ -4,7 +4,7 @@ mod columns;
 mod compare;
 mod curves;
 mod input;
-mod page;
+pub mod page;
 mod solve;
 
 use crate::args::{SuspensionArgs, SuspensionCommand, SuspensionDescribeArgs};

@@ -51,11 +51,24 @@ struct Hold {
 }
 
 impl RigController {
-    /// A controller at rest.
+    /// A controller at rest whose actuation acts in the middle of a tick.
+    ///
+    /// # Errors
+    /// As [`Self::with_phase`].
+    pub fn new(rig: &Rig, unit: &SteeringUnit, period_s: f64) -> Result<Self, Vec<Broken>> {
+        Self::with_phase(rig, unit, period_s, 0.5 * period_s)
+    }
+
+    /// A controller at rest. `output_phase_s`: from the start of a tick to when its actuation leaves.
     ///
     /// # Errors
     /// Every broken rule of rig and unit, and of `period_s` (0.1 ms to 10 ms).
-    pub fn new(rig: &Rig, unit: &SteeringUnit, period_s: f64) -> Result<Self, Vec<Broken>> {
+    pub fn with_phase(
+        rig: &Rig,
+        unit: &SteeringUnit,
+        period_s: f64,
+        output_phase_s: f64,
+    ) -> Result<Self, Vec<Broken>> {
         let mut checker = Checker::default();
         rig.check(&mut checker);
         unit.check(&mut checker);
@@ -65,7 +78,13 @@ impl RigController {
         if !broken.is_empty() {
             return Err(broken);
         }
-        let c = &rig.control;
+        // What the loops see as delay: transport, output phase, and half a period where commands are interpolated.
+        let mut control = rig.control.clone();
+        control.command_delay_s += output_phase_s;
+        if rig.plant.interpolate_commands {
+            control.command_delay_s += 0.5 * period_s;
+        }
+        let c = &control;
         let force = ForceLoop::new(c, period_s);
         let steer = &rig.plant.steer;
         Ok(Self {
@@ -318,7 +337,7 @@ impl RigController {
             {
                 let now = HubState { angle_rad, rate_rad_s };
                 let lead = self.preview_lead_s();
-                let then = if preview.valid {
+                let then = if preview.valid && self.switches.steering_preview {
                     HubState { angle_rad: preview.angle_rad, rate_rad_s: preview.rate_rad_s }
                 } else {
                     HubState { angle_rad: angle_rad + lead * rate_rad_s, rate_rad_s }
@@ -346,7 +365,7 @@ impl RigController {
             + EnergyAccount::STATE
             + 2 * DelayEstimate::STATE
             + Channel::COUNT
-            + 7
+            + 8
             + 9
             + 6
             + 6
@@ -374,6 +393,7 @@ impl RigController {
             s.force_rate_feed_forward,
             s.pressure_compensation,
             s.gain_adaptation,
+            s.steering_preview,
         ] {
             w.put(f64::from(u8::from(on)));
         }
@@ -410,7 +430,7 @@ impl RigController {
         self.rack.load(&mut r);
         self.energy.load(&mut r);
         r.take_all(&mut self.readings);
-        let on: [f64; 7] = r.take_array();
+        let on: [f64; 8] = r.take_array();
         self.switches = Switches {
             force_conversion: on[0] != 0.0,
             rack_feed_forward: on[1] != 0.0,
@@ -419,6 +439,7 @@ impl RigController {
             force_rate_feed_forward: on[4] != 0.0,
             pressure_compensation: on[5] != 0.0,
             gain_adaptation: on[6] != 0.0,
+            steering_preview: on[7] != 0.0,
         };
         let h = &mut self.held;
         r.take_all(&mut h.tie_rod_force_n);

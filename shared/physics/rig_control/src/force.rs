@@ -15,7 +15,7 @@
 
 use crate::history::History;
 use crate::tracker::ParabolaTracker;
-use crate::valve::ValveLead;
+use crate::valve::{LedValve, ValveLead};
 use config::rig::{Control, Switches};
 use rig_plant::state::{StateReader, StateWriter};
 
@@ -51,8 +51,8 @@ pub struct ForceLoop {
     net: History,
     stroke: History,
     gain_fit: GainFit,
-    tip_filtered: f64,
-    acceleration: f64,
+    reaching: History,
+    valve_model: LedValve,
     observed_n: f64,
     disturbance_m_s: f64,
     integral_m_s: f64,
@@ -80,8 +80,8 @@ impl ForceLoop {
             net: History::new(total, period_s),
             stroke: History::new(total, period_s),
             gain_fit: GainFit::new(period_s),
-            tip_filtered: 0.0,
-            acceleration: 0.0,
+            reaching: History::new(control.command_delay_s + control.measurement_delay_s, period_s),
+            valve_model: LedValve::new(&control.horizontal, period_s),
             observed_n: 0.0,
             disturbance_m_s: 0.0,
             integral_m_s: 0.0,
@@ -129,13 +129,13 @@ impl ForceLoop {
         // Feedback.
         let arrived_stroke = self.stroke.arrived();
         self.gain_fit.step(i.stroke_m, arrived_stroke * t);
-        let tip_velocity = self.gain_fit.gain() * arrived_stroke * i.elongation_per_stroke / i.per_tip;
-        let low = t * 100.0 / (1.0 + t * 100.0);
-        let before = self.tip_filtered;
-        self.tip_filtered += low * (tip_velocity - self.tip_filtered);
-        self.acceleration = (self.tip_filtered - before) / t;
+        // The valve as led answers like a faster one: the acceleration of arm and column is known from what was
+        // sent, at the instant of the measurement, without differentiating a reading.
+        self.valve_model.step(self.reaching.arrived());
+        let stroke_acceleration = self.gain_fit.gain() * self.valve_model.rate();
+        let tip_acceleration = stroke_acceleration * i.elongation_per_stroke / i.per_tip;
         let inertia = if switches.inertia_feed_forward {
-            c.horizontal.mass_kg * self.acceleration / i.per_tip
+            c.horizontal.mass_kg * tip_acceleration / i.per_tip
         } else {
             0.0
         };
@@ -202,6 +202,7 @@ impl ForceLoop {
         self.net.push(if i.active { net_got } else { 0.0 });
         // The fit compares with what the unlearnt model promises.
         self.stroke.push(got / learnt);
+        self.reaching.push(got / learnt);
         if !i.active {
             self.disturbance_m_s = 0.0;
             self.integral_m_s = 0.0;
@@ -212,7 +213,8 @@ impl ForceLoop {
 
     /// Length of the flat state.
     pub fn state_len(&self) -> usize {
-        3 + self.net.state_len() + self.stroke.state_len() + GainFit::STATE + ValveLead::STATE + 11
+        let histories = self.net.state_len() + self.stroke.state_len() + self.reaching.state_len();
+        3 + histories + GainFit::STATE + ValveLead::STATE + LedValve::STATE + 9
     }
 
     /// Writes the state.
@@ -221,11 +223,11 @@ impl ForceLoop {
         self.net.save(w);
         self.stroke.save(w);
         self.gain_fit.save(w);
+        self.reaching.save(w);
+        self.valve_model.save(w);
         self.lead.save(w);
         w.put_all(&[
             self.trim_n,
-            self.tip_filtered,
-            self.acceleration,
             self.observed_n,
             self.disturbance_m_s,
             self.integral_m_s,
@@ -243,11 +245,11 @@ impl ForceLoop {
         self.net.load(r);
         self.stroke.load(r);
         self.gain_fit.load(r);
+        self.reaching.load(r);
+        self.valve_model.load(r);
         self.lead.load(r);
         [
             self.trim_n,
-            self.tip_filtered,
-            self.acceleration,
             self.observed_n,
             self.disturbance_m_s,
             self.integral_m_s,

@@ -11,7 +11,9 @@ pub mod force;
 pub mod height;
 pub mod history;
 pub mod hub;
+pub mod identification;
 pub mod rack;
+pub mod rack_estimate;
 pub mod steer;
 pub mod study;
 pub mod tracker;
@@ -19,3 +21,4 @@ pub mod valve;
 
 pub use command::{ControlDiagnostics, Fade, RigCommand, SteerCommand, SteerPreview};
 pub use controller::RigController;
+pub use rack_estimate::RackEstimate;

@@ -10,8 +10,9 @@
 
 use crate::command::{ControlDiagnostics, Fade, RigCommand, SteerCommand, SteerPreview};
 use crate::controller::RigController;
+use crate::rack_estimate::RackEstimate;
 use config::Broken;
-use config::rig::{Rig, Switches};
+use config::rig::{Rig, SteerDevice, Switches};
 use config::unit::SteeringUnit;
 use core::f64::consts::{PI, TAU};
 use rig_plant::{Actuation, Measurement, RigEnvironment, VirtualRig};
@@ -135,6 +136,20 @@ impl Manoeuvre {
     }
 }
 
+/// Who steers in a study.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SteerMode {
+    /// The actuator follows the manoeuvre's angle.
+    #[default]
+    Angle,
+    /// The actuator gives a torque of the manoeuvre's shape, a share of [`Study::torque_per_angle_n_m_rad`].
+    Torque,
+    /// The actuator is off; hands of a human hold the measuring wheel to the manoeuvre: a spring and a damper
+    /// between the wanted and the true angle, 20 N·m/rad and 0.6 N·m·s/rad [Pick, Cole 2007, Vehicle System
+    /// Dynamics 45(8): a tensed arm's stiffness and damping].
+    MeasuringWheel,
+}
+
 /// Tie-rod load of a compact car: bicycle model, relaxation, saturating tyres.
 #[derive(Debug, Clone)]
 struct Load {
@@ -224,6 +239,12 @@ pub struct StudyResult {
     pub sides: [SideResult; 2],
     /// Largest steering-angle error. [rad]
     pub steer_error_rad: f64,
+    /// Largest difference of torque command and cell, both below 50 Hz (torque mode). [N·m]
+    pub steer_torque_error_n_m: f64,
+    /// Largest steering angle. [rad]
+    pub steer_angle_max_rad: f64,
+    /// Largest steering torque by the cell. [N·m]
+    pub steer_torque_max_n_m: f64,
     /// Energy that tracking errors fed into the steering, per second of steering. [J/s]
     pub energy_w: f64,
     /// Ticks with a saturated valve.
@@ -257,6 +278,10 @@ pub struct Study {
     pub output_phase: f64,
     /// Whether the steering is known ahead.
     pub preview: bool,
+    /// Who steers.
+    pub mode: SteerMode,
+    /// Torque mode: torque for each radian of the manoeuvre. [N·m/rad]
+    pub torque_per_angle_n_m_rad: f64,
 }
 
 impl Study {
@@ -271,6 +296,8 @@ impl Study {
             period_s: 1e-3,
             output_phase: 0.5,
             preview: true,
+            mode: SteerMode::Angle,
+            torque_per_angle_n_m_rad: 8.0,
         }
     }
 
@@ -301,8 +328,15 @@ impl Study {
     /// Every broken rule of rig and unit.
     pub fn trace(&self, manoeuvre: &Manoeuvre) -> Result<Trace, Vec<Broken>> {
         let period_s = self.period_s;
-        let mut plant = VirtualRig::new(&self.rig, &self.unit, self.seed, period_s)?;
-        let mut control = RigController::new(&self.control_rig, &self.unit, period_s)?;
+        let (mut rig, mut control_rig) = (self.rig.clone(), self.control_rig.clone());
+        if self.mode == SteerMode::MeasuringWheel {
+            rig.plant.steer.device = SteerDevice::MeasuringWheel;
+            control_rig.plant.steer.device = SteerDevice::MeasuringWheel;
+        }
+        let mut plant = VirtualRig::new(&rig, &self.unit, self.seed, period_s)?;
+        let mut estimate = RackEstimate::new(&self.unit, &control_rig.control, period_s);
+        let first = self.output_phase * period_s;
+        let mut control = RigController::with_phase(&control_rig, &self.unit, period_s, first)?;
         control.set_switches(self.switches);
         plant.set_environment(&RigEnvironment {
             vehicle_speed_m_s: manoeuvre.speed_m_s,
@@ -311,22 +345,39 @@ impl Study {
         let mut load = Load::new(manoeuvre.speed_m_s);
         let (mut m, mut act, mut diag) =
             (Measurement::default(), Actuation::default(), ControlDiagnostics::default());
-        let first = self.output_phase * period_s;
         let ticks = ((manoeuvre.end_s() + 0.5) / period_s).round() as u32;
         let mut trace = Trace { period_s, ..Trace::default() };
         for n in 0..ticks {
             let time_s = f64::from(n) * period_s;
             plant.sample(&mut m);
             let truth = *plant.truth();
-            let (force, height, height_rate) = load.step(m.rack_displacement_m, period_s);
+            let (force, height, height_rate) = load.step(estimate.step(&m), period_s);
             let (angle_rad, rate_rad_s) = manoeuvre.steering(time_s);
             let ahead = manoeuvre.steering(time_s + control.preview_lead_s());
+            let wanted_torque = self.torque_per_angle_n_m_rad * angle_rad;
+            let mut environment =
+                RigEnvironment { vehicle_speed_m_s: manoeuvre.speed_m_s, ..Default::default() };
+            let steer = match self.mode {
+                SteerMode::Angle => SteerCommand::Angle { angle_rad, rate_rad_s },
+                SteerMode::Torque => SteerCommand::Torque { torque_n_m: wanted_torque },
+                SteerMode::MeasuringWheel => {
+                    let wheel = &truth.unit;
+                    environment.hand_torque_n_m = 20.0 * (angle_rad - wheel.hand_wheel_angle_rad)
+                        + 0.6 * (rate_rad_s - wheel.hand_wheel_rate_rad_s);
+                    SteerCommand::Free
+                }
+            };
+            plant.set_environment(&environment);
             let command = RigCommand {
                 tie_rod_force_n: force,
                 ball_height_m: height,
                 ball_height_velocity_m_s: height_rate,
-                steer: SteerCommand::Angle { angle_rad, rate_rad_s },
-                preview: SteerPreview { valid: self.preview, angle_rad: ahead.0, rate_rad_s: ahead.1 },
+                steer,
+                preview: SteerPreview {
+                    valid: self.preview && self.mode == SteerMode::Angle,
+                    angle_rad: ahead.0,
+                    rate_rad_s: ahead.1,
+                },
                 fade: Fade { force: (time_s / 1.0).min(1.0), vertical: 1.0, steer: 1.0 },
             };
             control.step(&command, &m, &mut act, &mut diag);
@@ -335,6 +386,11 @@ impl Study {
             plant.advance(period_s - first);
             trace.time_s.push(time_s);
             trace.steer_error_rad.push(angle_rad - truth.unit.hand_wheel_angle_rad);
+            trace.steer_angle_rad.push(m.steering_wheel_angle_rad);
+            trace.steer_torque_n_m.push(m.steering_wheel_torque_n_m);
+            trace.steer_torque_command_n_m.push(wanted_torque);
+            trace.rack_velocity_m_s.push(truth.unit.rack_velocity_m_s);
+            trace.rack_velocity_ahead_m_s.push(diag.rack_velocity_ahead_m_s);
             trace.energy_j.push(diag.energy_total_j);
             trace.saturated.push(diag.flags & 0b11 != 0);
             for side in 0..2 {
@@ -377,6 +433,16 @@ pub struct Trace {
     pub time_s: Vec<f64>,
     /// Steering command less true angle. [rad]
     pub steer_error_rad: Vec<f64>,
+    /// Reading of the steering angle. [rad]
+    pub steer_angle_rad: Vec<f64>,
+    /// Reading of the torque cell. [N·m]
+    pub steer_torque_n_m: Vec<f64>,
+    /// Torque asked for in torque mode. [N·m]
+    pub steer_torque_command_n_m: Vec<f64>,
+    /// True rack velocity. [m/s]
+    pub rack_velocity_m_s: Vec<f64>,
+    /// Rack velocity fed forward. [m/s]
+    pub rack_velocity_ahead_m_s: Vec<f64>,
     /// Energy account since the start. [J]
     pub energy_j: Vec<f64>,
     /// A horizontal valve was saturated.
@@ -417,6 +483,13 @@ impl Trace {
             out.estimated_lag_s = s.estimated_lag_s[to - 1];
         }
         result.steer_error_rad = self.steer_error_rad[from..to].iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+        let largest = |v: &[f64]| v[from..to].iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+        let asked = zero_phase(&self.steer_torque_command_n_m, 50.0, self.period_s);
+        let given = zero_phase(&self.steer_torque_n_m, 50.0, self.period_s);
+        let torque_error: Vec<f64> = asked.iter().zip(&given).map(|(a, b)| a - b).collect();
+        result.steer_torque_error_n_m = largest(&torque_error);
+        result.steer_angle_max_rad = largest(&self.steer_angle_rad);
+        result.steer_torque_max_n_m = largest(&self.steer_torque_n_m);
         let span = (to - from) as f64 * self.period_s;
         result.energy_w = (self.energy_j[to - 1] - self.energy_j[from]) / span;
         result.saturated_ticks = self.saturated[from..to].iter().filter(|s| **s).count() as u32;

@@ -74,6 +74,58 @@ impl ValveLead {
     }
 }
 
+/// The valve with its lead, as the faster lag that both together are; its output is velocity, its rate acceleration.
+#[derive(Debug, Clone)]
+pub struct LedValve {
+    omega: f64,
+    damping_ratio: f64,
+    sub_step_s: f64,
+    value: f64,
+    rate: f64,
+}
+
+impl LedValve {
+    /// Values of its flat state.
+    pub const STATE: usize = 2;
+    const SUB_STEPS: usize = 8;
+
+    /// At rest.
+    pub fn new(axis: &AxisModel, period_s: f64) -> Self {
+        Self {
+            omega: core::f64::consts::TAU * axis.lead_frequency_hz,
+            damping_ratio: axis.valve_damping_ratio,
+            sub_step_s: period_s / Self::SUB_STEPS as f64,
+            value: 0.0,
+            rate: 0.0,
+        }
+    }
+
+    /// One period under a constant input.
+    pub fn step(&mut self, input: f64) {
+        let (w, h) = (self.omega, self.sub_step_s);
+        for _ in 0..Self::SUB_STEPS {
+            let pull = self.rate + h * w * w * (input - self.value);
+            self.rate = pull / (1.0 + 2.0 * h * self.damping_ratio * w + h * h * w * w);
+            self.value += h * self.rate;
+        }
+    }
+
+    /// Rate of the output at the end of the period, in the input's unit per second.
+    pub fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// Writes the state.
+    pub fn save(&self, w: &mut StateWriter) {
+        w.put_all(&[self.value, self.rate]);
+    }
+
+    /// Reads the state.
+    pub fn load(&mut self, r: &mut StateReader) {
+        [self.value, self.rate] = r.take_array();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

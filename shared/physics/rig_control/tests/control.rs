@@ -21,13 +21,7 @@ fn nominal_errors_are_half_the_published_ones_and_lags_within_bounds() {
     for m in &MANOEUVRES {
         let result = study.run(m).unwrap();
         for (k, (ours, published)) in result.figures().iter().zip(m.published).enumerate() {
-            // Known shortfall: the right side's rms in the sine with dwell stands at 0.64 of the published.
-            let share = if m.name.starts_with("sine with dwell") && k == 3 { 0.68 } else { 0.5 };
-            assert!(
-                *ours <= share * published,
-                "{}: figure {k} is {ours} %, published {published} %",
-                m.name
-            );
+            assert!(*ours <= 0.5 * published, "{}: figure {k} is {ours} %, published {published} %", m.name);
         }
         for side in &result.sides {
             assert!(side.amplitude_n > 150.0, "{}: the load must be real", m.name);
@@ -39,19 +33,24 @@ fn nominal_errors_are_half_the_published_ones_and_lags_within_bounds() {
 
 #[test]
 fn a_plant_that_differs_by_a_fifth_stays_within_the_published_figures() {
-    for (gain, stiffness, delay) in
-        [(1.2, 1.0, 1.0), (0.8, 1.0, 1.0), (1.0, 1.2, 1.0), (1.0, 0.8, 1.0), (1.0, 1.0, 1.2), (1.0, 1.0, 0.8)]
-    {
+    let alone = [
+        (1.2, 1.0, 1.0),
+        (0.8, 1.0, 1.0),
+        (1.0, 1.2, 1.0),
+        (1.0, 0.8, 1.0),
+        (1.0, 1.0, 1.2),
+        (1.0, 1.0, 0.8),
+    ];
+    let corners = (0..8).map(|bits| {
+        let of = |k: u32| if bits >> k & 1 == 1 { 0.8 } else { 1.2 };
+        (of(0), of(1), of(2))
+    });
+    for (gain, stiffness, delay) in alone.into_iter().chain(corners) {
         let study = Study::new(&rig(), &unit()).with_plant(gain, stiffness, delay);
         for m in &MANOEUVRES {
             let result = study.run(m).unwrap();
             for (ours, published) in result.figures().iter().zip(m.published) {
-                // 2 % of slack: one figure stands exactly on the published one.
-                assert!(
-                    *ours <= 1.02 * published,
-                    "{} {gain} {stiffness} {delay}: {ours} {published}",
-                    m.name
-                );
+                assert!(*ours <= published, "{} {gain} {stiffness} {delay}: {ours} {published}", m.name);
             }
         }
     }

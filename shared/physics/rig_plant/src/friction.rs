@@ -23,7 +23,8 @@ pub struct LuGre {
 
 impl LuGre {
     /// A contact at rest, without deflection.
-    pub fn new(friction: &Friction) -> Self {
+    pub fn new(friction: impl Into<Friction>) -> Self {
+        let friction = friction.into();
         let stiffness = friction.sliding / friction.presliding;
         Self {
             sliding: friction.sliding,
@@ -59,7 +60,7 @@ mod tests {
     use super::*;
 
     fn contact() -> LuGre {
-        LuGre::new(&Friction {
+        LuGre::new(Friction {
             sliding: 150.0,
             breakaway_ratio: 1.2,
             stribeck_speed: 0.002,

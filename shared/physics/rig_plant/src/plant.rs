@@ -16,7 +16,7 @@ use crate::random::Random;
 use crate::sensors::{Encoder, ErrorRule, SensorModel};
 use crate::state::{StateReader, StateWriter};
 use crate::unit::{ColumnEps, SteeringUnitModel, UnitInput, UnitOutput};
-use config::rig::{Rig, SteerDevice};
+use config::rig::{Rig, Sensor, SteerDevice};
 use config::unit::SteeringUnit;
 use config::{Broken, Check, Checker};
 
@@ -82,6 +82,10 @@ pub struct VirtualRig {
     truth: Truth,
     environment: RigEnvironment,
     actuation: Actuation,
+    /// Where interpolated commands stand, and how much they move a sub-step; sub-steps left to go.
+    ramp: [[f64; COMMANDS]; 2],
+    ramp_left: f64,
+    ramp_steps: f64,
     step_s: f64,
     count: u64,
     commands: DelayLine<COMMANDS>,
@@ -169,6 +173,9 @@ impl VirtualRig {
             truth: Truth::default(),
             environment: RigEnvironment::default(),
             actuation: Actuation::default(),
+            ramp: [[0.0; COMMANDS]; 2],
+            ramp_left: 0.0,
+            ramp_steps: (period_s / step).round(),
             step_s: step,
             count: 0,
             commands: DelayLine::new(steps(p.command_delay_s)),
@@ -198,6 +205,14 @@ impl VirtualRig {
         }
         let limit = self.rig.plant.steer.torque_limit_n_m;
         keep(&mut held.steer_torque_n_m, actuation.steer_torque_n_m, limit);
+        if self.rig.plant.interpolate_commands {
+            let [at, step] = &mut self.ramp;
+            let goal = flat(&self.actuation);
+            for k in 0..COMMANDS {
+                step[k] = (goal[k] - at[k]) / self.ramp_steps;
+            }
+            self.ramp_left = self.ramp_steps;
+        }
     }
 
     /// What surrounds the rig. Values that are not finite leave the last ones.
@@ -252,14 +267,21 @@ impl VirtualRig {
     fn sub_step(&mut self) {
         let h = self.step_s;
         let p = &self.rig.plant;
-        let a = &self.actuation;
-        self.commands.push([
-            a.horizontal_valve[0],
-            a.horizontal_valve[1],
-            a.vertical_valve[0],
-            a.vertical_valve[1],
-            a.steer_torque_n_m,
-        ]);
+        let goal = flat(&self.actuation);
+        if p.interpolate_commands {
+            let [at, step] = &mut self.ramp;
+            if self.ramp_left > 0.5 {
+                self.ramp_left -= 1.0;
+                for k in 0..COMMANDS {
+                    at[k] += step[k];
+                }
+            } else {
+                *at = goal;
+            }
+            self.commands.push(*at);
+        } else {
+            self.commands.push(goal);
+        }
         let command = *self.commands.oldest();
 
         let unit = *self.unit.output();
@@ -391,7 +413,7 @@ impl VirtualRig {
     /// Length of the flat state.
     pub fn state_len(&self) -> usize {
         let sides = 2 * (4 + 2 * Cylinder::STATE);
-        let held = COMMANDS + 3 + 1 + 2 + 2 + 5;
+        let held = COMMANDS + 2 * COMMANDS + 1 + 3 + 1 + 2 + 2 + 5;
         sides
             + held
             + self.unit.state_len()
@@ -412,6 +434,9 @@ impl VirtualRig {
         w.put_all(&a.horizontal_valve);
         w.put_all(&a.vertical_valve);
         w.put(a.steer_torque_n_m);
+        w.put_all(&self.ramp[0]);
+        w.put_all(&self.ramp[1]);
+        w.put(self.ramp_left);
         w.put_all(&[e.vehicle_speed_m_s, f64::from(u8::from(e.engine_on)), e.hand_torque_n_m]);
         w.put(self.steer_torque);
         w.put_u64(self.count);
@@ -437,6 +462,8 @@ impl VirtualRig {
         r.take_all(&mut self.actuation.horizontal_valve);
         r.take_all(&mut self.actuation.vertical_valve);
         self.actuation.steer_torque_n_m = r.take();
+        self.ramp = [r.take_array(), r.take_array()];
+        self.ramp_left = r.take();
         self.environment = RigEnvironment {
             vehicle_speed_m_s: r.take(),
             engine_on: r.take() != 0.0,
@@ -456,29 +483,35 @@ impl VirtualRig {
     }
 }
 
+/// The commands in the order of the delay line.
+fn flat(a: &Actuation) -> [f64; COMMANDS] {
+    let ([hl, hr], [vl, vr]) = (a.horizontal_valve, a.vertical_valve);
+    [hl, hr, vl, vr, a.steer_torque_n_m]
+}
+
 impl SensorSet {
     const STATE: usize = Channel::COUNT * (SensorModel::STATE + 1) + 2;
 
     fn new(rig: &Rig, seed: u64) -> Self {
         let s = &rig.sensors;
         let mut run = Random::new(seed, 1);
-        let mut model = |sensor, rule| SensorModel::new(sensor, rule, &mut run);
+        let mut model = |sensor: Sensor, rule| SensorModel::new(sensor, rule, &mut run);
         use ErrorRule::{Larger, Sum};
         // The encoder's place is kept by a model that is never used, so that channels and models share indices.
         let models = [
-            model(&s.steering_torque, Larger),
-            model(&s.steering_torque, Larger),
-            model(&s.torsion_bar_torque, Sum),
-            model(&s.torsion_bar_torque, Sum),
-            model(&s.rack_displacement, Sum),
-            model(&s.tie_rod_force, Sum),
-            model(&s.tie_rod_force, Sum),
-            model(&s.actuator_force, Sum),
-            model(&s.actuator_force, Sum),
-            model(&s.horizontal_stroke, Sum),
-            model(&s.horizontal_stroke, Sum),
-            model(&s.vertical_stroke, Sum),
-            model(&s.vertical_stroke, Sum),
+            model((&s.steering_torque).into(), Larger),
+            model((&s.steering_torque).into(), Larger),
+            model((&s.torsion_bar_torque).into(), Sum),
+            model((&s.torsion_bar_torque).into(), Sum),
+            model((&s.rack_displacement).into(), Sum),
+            model((&s.tie_rod_force).into(), Sum),
+            model((&s.tie_rod_force).into(), Sum),
+            model((&s.actuator_force).into(), Sum),
+            model((&s.actuator_force).into(), Sum),
+            model((&s.horizontal_stroke).into(), Sum),
+            model((&s.horizontal_stroke).into(), Sum),
+            model((&s.vertical_stroke).into(), Sum),
+            model((&s.vertical_stroke).into(), Sum),
         ];
         let encoder = Encoder::new(s.encoder_resolution_rad, s.encoder_error_rad, &mut run);
         Self { models, encoder, noise: Random::new(seed, 2), last: [0.0; Channel::COUNT] }

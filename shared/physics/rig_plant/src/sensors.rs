@@ -43,7 +43,8 @@ impl SensorModel {
     pub const STATE: usize = 3;
 
     /// Draws the run's errors.
-    pub fn new(sensor: &Sensor, rule: ErrorRule, random: &mut Random) -> Self {
+    pub fn new(sensor: impl Into<Sensor>, rule: ErrorRule, random: &mut Random) -> Self {
+        let sensor = sensor.into();
         let full = sensor.range;
         // Drawn in a fixed order, whatever is zero, so that one sensor's setting does not move another's draw.
         let (size, mix) = (random.symmetric(), random.unit());

@@ -12,11 +12,13 @@
 //!
 //! Semi-implicit Euler (velocities first), viscous parts implicit. The ECU: torque sensor lag, lead filter,
 //! map over torque and vehicle speed, damping, active return, motor lag; it computes at every sub-step (a real
-//! one at 1 kHz or faster). Not modelled: universal joints, gear backlash, motor saturation over speed.
+//! one at 1 kHz or faster). Universal joints, where the unit has them, turn the shaft unevenly: the torsion bar then
+//! sees θ_p(θ) instead of θ, and the hub feels T_tb dθ_p/dθ (massless shaft; see [`uneven`]).
+//! Not modelled: gear backlash, motor saturation over speed, bearing loads of the joints.
 
 use crate::friction::LuGre;
 use crate::state::{StateReader, StateWriter};
-use config::unit::{Assist, ElectricAssist, SteeringUnit};
+use config::unit::{Assist, ElectricAssist, SteeringUnit, UniversalJoints};
 use core::f64::consts::TAU;
 
 /// What acts on the unit during one sub-step.
@@ -105,8 +107,12 @@ impl ColumnEps {
 impl SteeringUnitModel for ColumnEps {
     fn step(&mut self, input: &UnitInput, step_s: f64) {
         let (u, o, i) = (&self.unit, &mut self.out, self.ratio);
-        let twist = o.hand_wheel_angle_rad - o.rack_displacement_m / i;
-        let twist_rate = o.hand_wheel_rate_rad_s - o.rack_velocity_m_s / i;
+        let (shaft, even) = match &u.universal_joints {
+            Some(joints) => uneven(joints, o.hand_wheel_angle_rad),
+            None => (o.hand_wheel_angle_rad, 1.0),
+        };
+        let twist = shaft - o.rack_displacement_m / i;
+        let twist_rate = even * o.hand_wheel_rate_rad_s - o.rack_velocity_m_s / i;
         let torque = u.torsion_bar_stiffness_n_m_rad * twist + u.torsion_bar_damping_n_m_s_rad * twist_rate;
         let assist = match &mut self.ecu {
             Some(ecu) => ecu.step(torque, o, i.signum(), input, step_s),
@@ -116,7 +122,7 @@ impl SteeringUnitModel for ColumnEps {
         let column_friction = self.column_friction.step(o.hand_wheel_rate_rad_s, step_s);
         let before = o.hand_wheel_rate_rad_s;
         o.hand_wheel_rate_rad_s +=
-            step_s / self.hub_inertia * (input.hand_wheel_torque_n_m + column_friction - torque);
+            step_s / self.hub_inertia * (input.hand_wheel_torque_n_m + column_friction - even * torque);
         o.hand_wheel_acceleration_rad_s2 = (o.hand_wheel_rate_rad_s - before) / step_s;
 
         let excess = o.rack_displacement_m.abs() - u.rack_stop_m;
@@ -195,6 +201,29 @@ impl SteeringUnitModel for ColumnEps {
             o.assist_force_n = state[2];
         }
     }
+}
+
+/// Angle behind two universal joints, zero where the hand wheel is, and its slope over the hand-wheel angle.
+///
+/// One joint: tan φ₂ = tan φ₁ cos β, dφ₂/dφ₁ = cos β/(1 − sin²β sin²φ₁), φ₁ counted from where the driving yoke
+/// lies in the plane of the shafts. [Schmelz, Seherr-Thoss, Aucktor 1992, Universal Joints and Driveshafts, §1.2]
+pub fn uneven(joints: &UniversalJoints, angle_rad: f64) -> (f64, f64) {
+    let joint = |phi: f64, beta: f64| {
+        let (sin, cos) = phi.sin_cos();
+        let (sin_b, cos_b) = beta.sin_cos();
+        // The branch that stays within a quarter turn of phi, at any number of turns.
+        let ahead = (sin * cos * (cos_b - 1.0)).atan2(cos * cos + sin * sin * cos_b);
+        (phi + ahead, cos_b / (1.0 - sin_b * sin_b * sin * sin))
+    };
+    let through = |angle: f64| {
+        let (middle, slope_1) = joint(angle + joints.yoke_rad, joints.upper_angle_rad);
+        // The second joint is turned by a quarter, so that equal angles undo each other.
+        let quarter = core::f64::consts::FRAC_PI_2 + joints.phase_rad;
+        let (out, slope_2) = joint(middle + quarter, joints.lower_angle_rad);
+        (out - quarter, slope_1 * slope_2)
+    };
+    let (out, slope) = through(angle_rad);
+    (out - through(0.0).0, slope)
 }
 
 /// The ECU of an electric assist.

@@ -37,7 +37,7 @@ fn at_rest_it_stays_at_rest() {
 fn vertical_axis_runs_at_its_no_load_speed() {
     let mut rig = rig();
     rig.plant.vertical.mass_kg = 1.0;
-    rig.plant.vertical.friction.sliding = 0.0;
+    rig.plant.vertical.friction.sliding_n = 0.0;
     rig.plant.vertical.leakage_m3_s_pa = 0.0;
     rig.plant.sub_step_s = 1e-5;
     let mut plant = VirtualRig::new(&rig, &unit(), 1, 1e-3).unwrap();
@@ -54,7 +54,7 @@ fn oil_column_rings_at_its_closed_form_frequency() {
     // β A²(1/V₁ + 1/V₂) on the mass; tie rod and friction taken away.
     let mut rig = rig();
     let axis = &mut rig.plant.vertical;
-    axis.friction.sliding = 0.0;
+    axis.friction.sliding_n = 0.0;
     axis.leakage_m3_s_pa = 0.0;
     let volume = axis.piston_area_m2 * (axis.stroke_m + axis.dead_length_m);
     let stiffness = 2.0 * axis.bulk_modulus_pa * axis.piston_area_m2.powi(2) / volume;
@@ -90,7 +90,7 @@ fn oil_column_rings_at_its_closed_form_frequency() {
 #[test]
 fn stall_force_is_area_times_supply_pressure() {
     let mut rig = rig();
-    rig.plant.horizontal.friction.sliding = 0.0;
+    rig.plant.horizontal.friction.sliding_n = 0.0;
     rig.plant.horizontal.leakage_m3_s_pa = 0.0;
     rig.plant.leaf_spring_stiffness_n_m = 5e6;
     // Both pull: the rack stays and the rods load the cylinders until they stall.
@@ -207,17 +207,14 @@ fn assist_is_stable_at_every_speed_and_lightens_steering() {
 #[test]
 fn sensors_are_delayed_by_exactly_the_transport_delay() {
     let mut rig = rig();
-    for s in [
-        &mut rig.sensors.tie_rod_force,
-        &mut rig.sensors.horizontal_stroke,
-        &mut rig.sensors.rack_displacement,
-    ] {
-        s.nonlinearity = 0.0;
-        s.hysteresis = 0.0;
-        s.repeatability = 0.0;
-        s.zero_balance = 0.0;
-        s.noise = 0.0;
-    }
+    let s = &mut rig.sensors;
+    s.tie_rod_force.noise_n = 0.0;
+    s.rack_displacement.noise_m = 0.0;
+    s.horizontal_stroke.noise_m = 0.0;
+    s.horizontal_stroke.nonlinearity_ratio = 0.0;
+    s.horizontal_stroke.hysteresis_ratio = 0.0;
+    s.horizontal_stroke.repeatability_ratio = 0.0;
+    s.horizontal_stroke.zero_balance_ratio = 0.0;
     let mut plant = VirtualRig::new(&rig, &unit(), 1, 1e-3).unwrap();
     plant.set_actuation(&horizontal(0.05, -0.05));
     let mut before = 0.0;
@@ -254,10 +251,16 @@ fn readings_stay_within_the_stated_errors() {
             assert!((reading - truth).abs() < bound, "{what}: {reading} against {truth} (seed {seed})");
         };
         let cell = &s.tie_rod_force;
-        let bound = cell.range * (cell.nonlinearity + 2.0 * cell.hysteresis) + 6.0 * cell.noise;
+        let bound =
+            cell.range_n * (cell.nonlinearity_ratio + 2.0 * cell.hysteresis_ratio) + 6.0 * cell.noise_n;
         near(m.tie_rod_force_n[0], t.tie_rod_force_n[0], bound, "tie-rod force");
         let pot = &s.rack_displacement;
-        near(m.rack_displacement_m, t.unit.rack_displacement_m, pot.range * pot.nonlinearity + 2e-4, "rack");
+        near(
+            m.rack_displacement_m,
+            t.unit.rack_displacement_m,
+            pot.range_m * pot.nonlinearity_ratio + 2e-4,
+            "rack",
+        );
         near(m.horizontal_stroke_m[0], t.horizontal_stroke_m[0], 0.00125 + 5e-5, "stroke");
         let moved = 1.1e-3 * t.unit.hand_wheel_rate_rad_s.abs();
         near(m.steering_wheel_angle_rad, t.unit.hand_wheel_angle_rad, moved + 4.5e-4, "angle");

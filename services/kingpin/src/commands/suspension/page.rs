@@ -32,6 +32,16 @@ impl Figure {
         }
     }
 
+    /// Logarithmic axes.
+    pub fn log_axes(mut self, x: bool, y: bool) -> Self {
+        for (axis, log) in [("xaxis", x), ("yaxis", y)] {
+            if log {
+                self.layout[axis]["type"] = json!("log");
+            }
+        }
+        self
+    }
+
     /// Adds a curve; `dash` as plotly names it.
     pub fn curve(&mut self, name: &str, x: &[f64], y: &[f64], colour: usize, dash: &str) {
         let short = |v: &f64| -> f64 { format!("{v:.7e}").parse().unwrap_or(*v) };
