@@ -172,6 +172,9 @@ impl ForceLoop {
             net += w_c / k * (target - ahead) - self.disturbance_m_s;
             self.integral_m_s = 0.0;
         } else {
+            // A PID has the whole delay in its loop: no faster than leaves it a phase margin of about 60 degrees.
+            let delay = c.command_delay_s + self.lead.bare_lag_s() + c.measurement_delay_s + 0.5 * t;
+            let w_c = w_c.min(0.4 / delay);
             let error = i.command_n - feedback;
             if !self.saturated && i.active {
                 self.integral_m_s += t * c.force.integral_rad_s * w_c / k * error;

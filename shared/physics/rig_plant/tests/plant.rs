@@ -349,3 +349,53 @@ fn too_stiff_a_machine_is_refused_by_name() {
     assert!(text.iter().any(|t| t.contains("steering unit")), "{text:?}");
     assert!(VirtualRig::new(&self::rig(), &self::unit(), 1, 0.00105).is_err());
 }
+
+#[test]
+fn two_universal_joints_cancel_and_one_alone_turns_unevenly_without_losing_power() {
+    use config::unit::UniversalJoints;
+    use rig_plant::unit::uneven;
+    let straight = UniversalJoints { upper_angle_rad: 0.5, lower_angle_rad: 0.5, phase_rad: 0.0, yoke_rad: 0.3 };
+    let single = UniversalJoints { lower_angle_rad: 0.0, ..straight };
+    let (mut low, mut high) = (f64::MAX, 0.0_f64);
+    for i in -720..=720 {
+        let angle = f64::from(i).to_radians();
+        let (out, slope) = uneven(&straight, angle);
+        assert!((out - angle).abs() < 1e-12 && (slope - 1.0).abs() < 1e-12, "{angle}: {out} {slope}");
+        let (out, slope) = uneven(&single, angle);
+        assert!((out - angle).abs() < 0.2, "no jump over any turn");
+        let step = 1e-6;
+        let by_difference = (uneven(&single, angle + step).0 - uneven(&single, angle - step).0) / (2.0 * step);
+        assert!((slope - by_difference).abs() < 1e-8, "virtual work: torque ratio is the slope");
+        (low, high) = (low.min(slope), high.max(slope));
+    }
+    // Speed ratio of one joint between cos β and 1/cos β.
+    assert!((low - 0.5_f64.cos()).abs() < 1e-3 && (high - 1.0 / 0.5_f64.cos()).abs() < 1e-3, "{low} {high}");
+}
+
+#[test]
+fn interpolated_commands_arrive_in_a_straight_line_half_a_period_later() {
+    let opening = |interpolate: bool| {
+        let mut rig = rig();
+        rig.plant.interpolate_commands = interpolate;
+        rig.plant.horizontal.valve_frequency_hz = 1000.0;
+        rig.plant.sub_step_s = 2e-5;
+        rig.plant.command_delay_s = 0.0;
+        let mut plant = VirtualRig::new(&rig, &unit(), 1, 1e-3).unwrap();
+        let mut area = 0.0;
+        for tick in 0..40 {
+            let ramp = 0.01 * f64::from(tick);
+            plant.set_actuation(&horizontal(ramp, 0.0));
+            for k in 0..50 {
+                plant.advance(2e-5);
+                let time = f64::from(tick) + f64::from(k) / 50.0;
+                if tick >= 20 {
+                    area += (0.01 * time - plant.truth().valve_opening[0][0]) / (20.0 * 50.0 * 0.01);
+                }
+            }
+        }
+        area
+    };
+    let (held, interpolated) = (opening(false), opening(true));
+    // Behind the ramp by half a tick when held, by a whole one when interpolated, and by the valve both times.
+    assert!((interpolated - held - 0.5).abs() < 0.03, "{held} {interpolated}");
+}
