@@ -72,7 +72,7 @@ const REAL: [&str; 5] = [
 ];
 
 /// Decodes and encodes with cantools what kingpin decoded and encoded, and counts where they differ.
-const CANTOOLS: &str = r#"
+const CANTOOLS: &str = r##"
 import json, struct, sys
 import cantools
 db = cantools.database.load_file(sys.argv[1], strict=False)
@@ -138,7 +138,7 @@ for line, frame in zip(decoded, frames):
     if ours != bytes(theirs):
         differ("encode", m.name, ours.hex(), bytes(theirs).hex())
 print(json.dumps(s))
-"#;
+"##;
 
 #[test]
 fn cantools_agrees_on_real_files() {
@@ -207,11 +207,16 @@ fn cantools_agrees_on_real_files() {
         let (a, b) = (folder.path().join("decoded"), folder.path().join("encoded"));
         std::fs::write(&a, decoded).unwrap();
         std::fs::write(&b, &encoded.stdout).unwrap();
-        let output = Command::new(&python).args(["-c", CANTOOLS]).arg(&path).arg(&a).arg(&b).output().unwrap();
+        let output =
+            Command::new(&python).args(["-c", CANTOOLS]).arg(&path).arg(&a).arg(&b).output().unwrap();
         assert!(output.status.success(), "{name}: {}", text(&output.stderr));
         let said: Value = serde_json::from_slice(&output.stdout).unwrap();
         println!("{name}: {said}");
-        assert_eq!((&said["decode"], &said["encode"], &said["names"]), (&json!(0), &json!(0), &json!(0)), "{said}");
+        assert_eq!(
+            (&said["decode"], &said["encode"], &said["names"]),
+            (&json!(0), &json!(0), &json!(0)),
+            "{said}"
+        );
         assert!(said["frames"].as_u64().unwrap() >= 40 * database.messages.len() as u64 - 40);
         frames += said["frames"].as_u64().unwrap();
         values += said["values"].as_u64().unwrap();
@@ -265,7 +270,8 @@ fn autosar_e2e_agrees_on_profiles_1_2_5_and_11() {
             1 => ("2", Rule::H2fWithList { list }, ""),
             2 => ("5", Rule::CcittWithId { data_id }, ""),
             _ => {
-                let (mode, word) = [(DataIdMode::Both, "both"), (DataIdMode::Nibble, "nibble")][(turn / 4 % 2) as usize];
+                let (mode, word) =
+                    [(DataIdMode::Both, "both"), (DataIdMode::Nibble, "nibble")][(turn / 4 % 2) as usize];
                 ("11", Rule::J1850WithId { data_id: data_id & 0xFFF, mode }, word)
             }
         };
@@ -296,7 +302,10 @@ fn autosar_e2e_agrees_on_profiles_1_2_5_and_11() {
     let output = run_with(command, &lines);
     assert!(output.status.success(), "{}", text(&output.stderr));
     println!("autosar-e2e agrees: {}", text(&output.stdout));
-    assert_eq!(serde_json::from_slice::<Value>(&output.stdout).unwrap(), json!({"1": 500, "2": 500, "5": 500, "11": 500}));
+    assert_eq!(
+        serde_json::from_slice::<Value>(&output.stdout).unwrap(),
+        json!({"1": 500, "2": 500, "5": 500, "11": 500})
+    );
 }
 
 #[test]
@@ -310,7 +319,12 @@ fn every_real_file_can_be_read() {
         }
         let (database, faults) = Database::read(&std::fs::read_to_string(&path).unwrap());
         let wrong = faults.iter().filter(|fault| fault.weight == Weight::Error).count();
-        println!("{}: {} messages, {wrong} errors, {} warnings", path.display(), database.messages.len(), faults.len() - wrong);
+        println!(
+            "{}: {} messages, {wrong} errors, {} warnings",
+            path.display(),
+            database.messages.len(),
+            faults.len() - wrong
+        );
         // Two of them have mistakes of their own (signals outside their message, limits upside down): named, left out.
         let known = ["mazda_2017.dbc", "vw_pq.dbc"].iter().any(|name| path.ends_with(name));
         assert!(database.messages.len() >= 20 && (wrong == 0) != known, "{}: {faults:?}", path.display());
@@ -391,7 +405,8 @@ fn a_mapping_that_does_not_fit_stops_the_run_before_it_begins() {
     let text_of = "extends = \"slalom_120\"\nname = \"wrong\"\n[can]\nmapping_file = \"steering_rest_bus\"\n\
                    faults = [{ message = \"Nonsense\", fault = \"drop\", start_s = 1.0 }]\n";
     std::fs::write(&file, text_of).unwrap();
-    let output = run_bench(folder.path(), &file.to_string_lossy(), "wrong", &["--lockstep", "--duration", "3.5"]);
+    let output =
+        run_bench(folder.path(), &file.to_string_lossy(), "wrong", &["--lockstep", "--duration", "3.5"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stdout).contains("message Nonsense"), "{}", text(&output.stdout));
     let checked = Command::new(kingpin()).arg("check").arg(&file).output().unwrap();
@@ -407,7 +422,8 @@ fn a_host_without_the_interface_is_told_why_and_the_bench_runs_on() {
     let told = if kernel_has_can() { "errno 19, ENODEV" } else { "errno 97, EAFNOSUPPORT" };
     println!("this kernel: {told}");
     for command in [&["can", "monitor"][..], &["can", "ecu"], &["can", "send", "123#00"]] {
-        let output = Command::new(kingpin()).args(command).args(["--interface", "no-such-bus"]).output().unwrap();
+        let output =
+            Command::new(kingpin()).args(command).args(["--interface", "no-such-bus"]).output().unwrap();
         assert_eq!(output.status.code(), Some(3), "{command:?}");
         assert!(text(&output.stderr).contains(told), "{command:?}: {}", text(&output.stderr));
     }

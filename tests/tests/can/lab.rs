@@ -39,7 +39,8 @@ fn candump_sees_what_kingpin_sends() {
     let dump = start("candump", &["-L", "-n", "5", "vcan0"]);
     until_listening("vcan0", 1);
     let frames = ["123#DEADBEEF", "00ABCDEF#01", "7FF#", "321##1001122334455667788990011", "0A0##0AABBCC"];
-    let sent = Command::new(kingpin()).args(["can", "send", "--interface", "vcan0"]).args(frames).output().unwrap();
+    let sent =
+        Command::new(kingpin()).args(["can", "send", "--interface", "vcan0"]).args(frames).output().unwrap();
     assert!(sent.status.success(), "{}", text(&sent.stderr));
     let seen = text(&dump.wait_with_output().unwrap().stdout);
     let seen: Vec<&str> = seen.lines().map(|line| line.split_whitespace().nth(2).unwrap()).collect();
@@ -57,7 +58,10 @@ fn candump_sees_what_kingpin_sends() {
 #[test]
 #[ignore = "needs vcan0: run by on_a_real_bus inside scripts/can-lab"]
 fn kingpin_sees_what_cansend_sends_and_vcan1_stays_silent() {
-    let mut monitor = start(kingpin(), &["can", "monitor", "-i", "vcan0", "--dbc", "kingpin_steering.dbc", "--json", "--count", "3"]);
+    let mut monitor = start(
+        kingpin(),
+        &["can", "monitor", "-i", "vcan0", "--dbc", "kingpin_steering.dbc", "--json", "--count", "3"],
+    );
     let mut other = start(kingpin(), &["can", "monitor", "-i", "vcan1", "--json"]);
     until_listening("vcan0", 1);
     until_listening("vcan1", 1);
@@ -68,8 +72,10 @@ fn kingpin_sees_what_cansend_sends_and_vcan1_stays_silent() {
     for frame in [text(&encoded.stdout).trim(), "18FF0101#01.0A.00.02.00.01.30.00", "7FF##1AABB"] {
         assert!(Command::new("cansend").args(["vcan0", frame]).status().unwrap().success(), "{frame}");
     }
-    let lines: Vec<Value> =
-        BufReader::new(monitor.stdout.take().unwrap()).lines().map(|line| serde_json::from_str(&line.unwrap()).unwrap()).collect();
+    let lines: Vec<Value> = BufReader::new(monitor.stdout.take().unwrap())
+        .lines()
+        .map(|line| serde_json::from_str(&line.unwrap()).unwrap())
+        .collect();
     assert!(monitor.wait().unwrap().success());
     assert_eq!(lines[0]["message"], "VehicleSpeed");
     assert_eq!(lines[0]["signals"]["Speed"]["value"], 123.45);
@@ -88,10 +94,14 @@ fn sockets_carry_every_kind_of_frame() {
     let (mut a, mut b) = (SocketBus::open("vcan1").unwrap(), SocketBus::open("vcan1").unwrap());
     let mut frames: Vec<Frame> = Vec::new();
     for len in 0..=8 {
-        frames.push(Frame::new(Id::Standard(0x100 + len as u16), false, false, &vec![len as u8; len]).unwrap());
+        frames
+            .push(Frame::new(Id::Standard(0x100 + len as u16), false, false, &vec![len as u8; len]).unwrap());
     }
     for len in can::frame::FD_LENGTHS {
-        frames.push(Frame::new(Id::Extended(0x1800_0000 + len as u32), true, len % 2 == 0, &vec![len as u8; len]).unwrap());
+        frames.push(
+            Frame::new(Id::Extended(0x1800_0000 + len as u32), true, len % 2 == 0, &vec![len as u8; len])
+                .unwrap(),
+        );
     }
     for frame in &frames {
         a.send(frame).unwrap();
@@ -107,7 +117,10 @@ fn sockets_carry_every_kind_of_frame() {
 #[ignore = "needs vcan0: run by on_a_real_bus inside scripts/can-lab"]
 fn a_missing_interface_and_one_that_is_down_are_told_apart() {
     let said = |bus: &str| {
-        let output = Command::new(kingpin()).args(["can", "monitor", "-i", bus, "--duration", "0.1"]).output().unwrap();
+        let output = Command::new(kingpin())
+            .args(["can", "monitor", "-i", bus, "--duration", "0.1"])
+            .output()
+            .unwrap();
         (output.status.code(), text(&output.stderr))
     };
     let (code, error) = said("vcan7");
@@ -150,7 +163,8 @@ fn rest_bus_and_virtual_ecu_talk_and_faults_are_counted() {
     let mut bus = SocketBus::open("vcan0").unwrap();
     let mut values = vec![0.0; sources.len()];
     let mut said = vec![f64::NAN; targets.len()];
-    let place = |list: &[can::mapping::Variable], name: &str| list.iter().position(|v| v.name == name).unwrap();
+    let place =
+        |list: &[can::mapping::Variable], name: &str| list.iter().position(|v| v.name == name).unwrap();
     values[place(&sources, "rig_measurement.torsion_bar_torque_n_m")] = 4.0;
     values[place(&sources, "vehicle_state.engine_speed_rad_s")] = 250.0;
     let torque = place(&targets, "can.ecu_driver_torque_n_m");
@@ -214,7 +228,16 @@ fn a_run_of_the_bench_is_on_the_bus() {
     until_listening("vcan0", 1);
     let out = folder.path().join("run");
     let run = Command::new(kingpin())
-        .args(["run", &scenario.to_string_lossy(), "--duration", "3.2", "--no-report", "--name", &own("lab"), "--out"])
+        .args([
+            "run",
+            &scenario.to_string_lossy(),
+            "--duration",
+            "3.2",
+            "--no-report",
+            "--name",
+            &own("lab"),
+            "--out",
+        ])
         .arg(&out)
         .output()
         .unwrap();
