@@ -10,6 +10,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("config", &[]),
     ("regions", &[]),
     ("table", &[]),
+    ("params", &["config", "regions"]),
+    ("operator_link", &["params", "table"]),
     ("spatial", &[]),
     ("metrics", &[]),
     ("tyre", &["config"]),
@@ -26,6 +28,7 @@ const LAYERS: &[(&str, &[&str])] = &[
         &[
             "config",
             "regions",
+            "params",
             "table",
             "runtime",
             "spatial",
@@ -44,8 +47,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("vehicle_service", &["assembly", "table"]),
     ("multibody_service", &["assembly", "table"]),
     ("rig_service", &["assembly", "table"]),
-    ("logger", &["assembly", "record", "regions", "runtime", "table"]),
-    ("supervisor", &["assembly", "config", "logger", "record", "regions", "runtime", "table"]),
+    ("logger", &["assembly", "params", "record", "regions", "runtime", "table"]),
+    ("supervisor", &["assembly", "config", "logger", "operator_link", "params", "record", "regions", "runtime", "table"]),
 ];
 
 /// May depend on everything.

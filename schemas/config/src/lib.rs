@@ -10,6 +10,7 @@ pub mod bench;
 pub mod car;
 pub mod check;
 pub mod library;
+pub mod live;
 pub mod load;
 pub mod model;
 pub mod problem;

@@ -13,6 +13,7 @@ use crate::check::{Check, Checker};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use crate::live::ParameterChange;
 pub use crate::road::{Crosswind, Friction, FrictionPatch, Road};
 pub use crate::steer::{
     DriverPath, Frequencies, GrowingSine, LaneChange, Parking, PathFollowing, Ramp, RandomSteer,
@@ -66,6 +67,8 @@ pub struct Scenario {
     pub record: Option<Record>,
     /// Measured signals to lay over the results.
     pub compare: Option<Vec<Compare>>,
+    /// Changes of live parameters during the run, in order of time.
+    pub parameters: Option<Vec<ParameterChange>>,
 }
 
 /// The beat of the bench.
@@ -349,6 +352,10 @@ impl Check for Scenario {
                     c.require(column.scale != 0.0, &key, "must not be 0");
                 }
             });
+        }
+        if let Some(changes) = &self.parameters {
+            let in_order = changes.windows(2).all(|pair| pair[0].at_s() <= pair[1].at_s());
+            c.require(in_order, "parameters", "must be in order of at_s");
         }
         c.within("road", |c| self.road.check(c));
     }

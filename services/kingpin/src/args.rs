@@ -44,6 +44,10 @@ pub enum Command {
     Suspension(SuspensionArgs),
     /// Functional models: check, compose, simulate, compare with a measurement, draw
     Model(crate::commands::ModelArgs),
+    /// Live parameters of a running bench: list, get, set, undo, snapshot, diff
+    Param(crate::commands::param::ParamArgs),
+    /// Arm, start, stop, acknowledge a run that was started with --operate; emergency stop
+    Operate(crate::commands::param::OperateArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell
@@ -82,6 +86,9 @@ pub struct RunArgs {
     /// Name of the bench; benches of different names run side by side
     #[arg(long, default_value = "bench", value_name = "NAME")]
     pub name: String,
+    /// Leave arming, starting, stopping and acknowledging to an operator (`kingpin operate`, console)
+    #[arg(long)]
+    pub operate: bool,
     /// Print the summary as JSON on standard output
     #[arg(long)]
     pub json: bool,

@@ -31,6 +31,8 @@ pub(crate) fn run(
     let models = vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
     let mut chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
+    let schedule = params::Schedule::new(&run.resolved).map_err(RunError::Parameters)?;
+    let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(RunError::Table)?;
     let mut plan = run.plan();
     let mut watchers = Watchers::new(&table);
 
@@ -61,6 +63,7 @@ pub(crate) fn run(
             }
             // Sole writer of the region, in order: cannot be refused.
             let _ = bench.write(n, plan.at(n).words());
+            let _ = parameters.write(n, crate::live::at(&schedule, n).words());
             if let Err(error) = chain.tick(n) {
                 ran = Err(RunError::Tick(error));
                 abandoned.store(true, Ordering::Relaxed);

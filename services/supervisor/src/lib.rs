@@ -8,6 +8,8 @@
 
 mod chain;
 mod children;
+mod desk;
+mod live;
 mod plan;
 mod set;
 
@@ -51,6 +53,8 @@ pub struct Run {
     pub restart_delay_ns: Nanos,
     /// Versions for the log's header.
     pub versions: BTreeMap<String, String>,
+    /// Arming, starting, stopping and acknowledging are left to an operator (paced runs).
+    pub operated: bool,
 }
 
 /// Who wants to see how a run goes.
@@ -113,6 +117,8 @@ pub enum RunError {
     Tick(TickError),
     /// A service in this process.
     Service(ServiceError),
+    /// The scenario's changes of live parameters.
+    Parameters(Vec<params::Refusal>),
 }
 
 impl std::fmt::Display for RunError {
@@ -131,6 +137,10 @@ impl std::fmt::Display for RunError {
             }
             RunError::Tick(e) => write!(f, "{e}"),
             RunError::Service(e) => write!(f, "{e}"),
+            RunError::Parameters(refused) => {
+                let lines: Vec<_> = refused.iter().map(|r| format!("scenario: {r}")).collect();
+                f.write_str(&lines.join("\n"))
+            }
         }
     }
 }

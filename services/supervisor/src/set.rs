@@ -1,6 +1,7 @@
 //! The process set, paced or in lockstep: table, services, watching, restarting, ending.
 
 use crate::children::Change;
+use crate::desk::Desk;
 use crate::{Children, Observer, Outcome, Run, RunError, RunPlan, Watchers};
 use assembly::manifest::{Drive, Manifest};
 use regions::{ALL, Payload, RegionId};
@@ -30,6 +31,7 @@ impl Drop for Cleaner<'_> {
             children.kill();
         }
         let _ = table::remove_bench(self.lock);
+        operator_link::remove_left_over(self.lock);
         Manifest::remove(&self.lock.bench().directory());
     }
 }
@@ -46,6 +48,7 @@ pub(crate) fn run(
     if left > 0 {
         observer.note(&format!("removed {left} segments left over from an earlier run of this bench"));
     }
+    operator_link::remove_left_over(&lock);
     let scenario = &run.resolved.scenario;
     let period_s = scenario.timing.period_s();
     let period_ns = scenario.timing.period_ns();
@@ -69,20 +72,28 @@ pub(crate) fn run(
     }
 
     let mut plan = run.plan();
+    if run.operated && drive == Drive::Paced {
+        plan = plan.operated();
+    }
     let mut watchers = Watchers::new(&table);
     let begin = clock::now();
     let mut supervision = Supervision { plan: &mut plan, bench: &mut bench, observer, interrupt };
     let (interrupted, given_up) = match drive {
         Drive::Paced => {
-            supervision.publish(0, children);
+            let mut note = |line: &str| supervision.observer.note(line);
+            let mut desk = Desk::new(&table, &run.bench, &run.resolved, run.operated, &mut note)?;
+            desk.publish(0);
+            supervision.publish(0, children, Some(&desk));
             let t0 = clock::now() + START_IN_NS;
             table.set_t0(t0).map_err(RunError::Table)?;
-            supervision.paced(children, &mut watchers, Grid { t0, period: period_ns })
+            supervision.paced(children, &mut watchers, Grid { t0, period: period_ns }, &mut desk)
         }
         Drive::Lockstep => {
+            let schedule = params::Schedule::new(&run.resolved).map_err(RunError::Parameters)?;
+            let parameters = table.claim_writer(RegionId::Parameters as usize).map_err(RunError::Table)?;
             table.set_t0(1).map_err(RunError::Table)?;
             let credit = specs[RegionId::RigStatus as usize].depth as u64 / 2;
-            supervision.lockstep(children, &mut watchers, credit)
+            supervision.lockstep(children, &mut watchers, credit, &schedule, parameters)
         }
     };
     // The services end by themselves: they know the end. The logger is last.
@@ -165,9 +176,12 @@ struct Supervision<'a> {
 }
 
 impl Supervision<'_> {
-    fn publish(&mut self, n: u64, children: &Children) {
+    fn publish(&mut self, n: u64, children: &Children, desk: Option<&Desk>) {
         if n >= self.bench.head() {
             let mut words = self.plan.at(n);
+            if let Some(desk) = desk {
+                desk.dress(&mut words);
+            }
             words.alive = children.alive();
             words.restarts = children.restarts();
             // Sole writer, and `n` is not yet published.
@@ -193,6 +207,7 @@ impl Supervision<'_> {
         children: &mut Children,
         watchers: &mut Watchers,
         grid: Grid,
+        desk: &mut Desk,
     ) -> (bool, Option<String>) {
         let (mut interrupted, mut given_up) = (false, None);
         loop {
@@ -200,7 +215,7 @@ impl Supervision<'_> {
             let n = grid.tick_at(clock::now());
             if n >= self.plan.end {
                 // The last word on the end must be there for whoever restarts now.
-                self.publish(self.plan.end, children);
+                self.publish(self.plan.end, children, Some(desk));
                 return (interrupted, given_up);
             }
             watchers.look();
@@ -208,7 +223,7 @@ impl Supervision<'_> {
                 interrupted = true;
                 self.plan.stop_at(n);
             }
-            if watchers.status.state == TRIPPED {
+            if watchers.status.state == TRIPPED && !desk.operated() {
                 // Latched: nothing more to be had from this run but the record of how it got there.
                 self.plan.stop_at(n);
             }
@@ -218,8 +233,12 @@ impl Supervision<'_> {
                     self.plan.stop_at(n);
                 }
             }
-            self.publish(n, children);
-            self.observer.progress(n, self.plan.end, &watchers.status);
+            let mut note = |line: &str| self.observer.note(line);
+            desk.look(n, clock::now(), watchers.status.state, self.plan, &mut note);
+            self.publish(n, children, Some(desk));
+            // Without an end in sight the bar is always full.
+            let end = if self.plan.end == u64::MAX { n } else { self.plan.end };
+            self.observer.progress(n, end, &watchers.status);
         }
     }
 
@@ -228,6 +247,8 @@ impl Supervision<'_> {
         children: &mut Children,
         watchers: &mut Watchers,
         credit: u64,
+        schedule: &params::Schedule,
+        mut parameters: RegionWriter,
     ) -> (bool, Option<String>) {
         let mut interrupted = false;
         loop {
@@ -239,10 +260,12 @@ impl Supervision<'_> {
             }
             let until = (watchers.logged.read_tick + credit).min(self.plan.end);
             for tick in n..until {
-                self.publish(tick, &*children);
+                self.publish(tick, &*children, None);
+                let _ = parameters.write(tick, crate::live::at(schedule, tick).words());
             }
             if until > n {
                 self.bench.ring();
+                parameters.ring();
             }
             self.observer.progress(watchers.rig.head(), self.plan.end, &watchers.status);
             if watchers.rig.head() >= self.plan.end {

@@ -7,6 +7,7 @@
 mod driveline;
 mod guard;
 mod kinematics;
+mod live;
 pub mod manifest;
 mod multibody_node;
 mod rig_node;

@@ -5,12 +5,13 @@
 //! output phases that were really executed; what follows from it is safety's.
 
 use crate::AssemblyError;
+use crate::live::{HumanSteer, Live, RigTuning, manoeuvre_time_s};
 use config::rig::{Rig, SteerDevice};
 use config::{Broken, ResolvedBench};
 use functional_model::Model as FunctionalModel;
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{
-    Bench, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
+    Bench, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
     rig_flags,
 };
 use rig_control::{ControlDiagnostics, RigCommand, RigController, SteerCommand, SteerPreview};
@@ -22,6 +23,7 @@ const READS: &[InputSpec] = &[
     InputSpec { region: RegionId::VehicleState, when: When::SameTick },
     InputSpec { region: RegionId::SuspensionState, when: When::SameTick },
     InputSpec { region: RegionId::Bench, when: When::Latest },
+    InputSpec { region: RegionId::Parameters, when: When::Latest },
 ];
 const NODES: &[NodeSpec] = &[
     NodeSpec {
@@ -68,6 +70,9 @@ pub struct RigNode {
     requests_seen: u64,
     request_pending: OperatorRequest,
     no_supervisor: bool,
+    live: Live,
+    tuning: RigTuning,
+    human: HumanSteer,
     status: RigStatus,
 }
 
@@ -186,6 +191,9 @@ impl RigNode {
             requests_seen: 0,
             request_pending: OperatorRequest::SwitchOn,
             no_supervisor: false,
+            live: Live::default(),
+            tuning: RigTuning::new(resolved),
+            human: HumanSteer::default(),
             status,
         })
     }
@@ -259,6 +267,11 @@ impl RigNode {
         let (car, car_input) = inputs.get::<VehicleState>(0);
         let (suspension, input) = inputs.get::<SuspensionState>(1);
         let (bench, bench_input) = inputs.get::<Bench>(2);
+        let (parameters, parameters_input) = inputs.get::<Parameters>(3);
+        if let Some(values) = self.live.news(parameters, parameters_input) {
+            self.tuning.apply(values, &mut self.controller, &mut self.plant);
+            self.human.apply(values);
+        }
         let mut flags = rig_flags::VIRTUAL;
 
         self.look_at_bench(step, bench, bench_input.age(step.n), bench_input.fresh());
@@ -281,14 +294,19 @@ impl RigNode {
                     rate_rad_s: car.steering_wheel_rate_command_rad_s,
                 }
             };
-            let ahead = self.manoeuvre.at(car.time_s + self.controller.preview_lead_s());
+            let m = &self.measurement;
+            let (angle, torque) = (m.steering_wheel_angle_rad, m.steering_wheel_torque_n_m);
+            let human = self.human.step(steer, angle, torque, self.period_s);
+            let steer = human.unwrap_or(steer);
+            let late_s = manoeuvre_time_s(bench, bench_input, car.tick + 1, self.period_s);
+            let ahead = self.manoeuvre.at(late_s + self.controller.preview_lead_s());
             self.command = RigCommand {
                 tie_rod_force_n: suspension.tie_rod_force_n,
                 ball_height_m: suspension.ball_height_m,
                 ball_height_velocity_m_s: suspension.ball_height_speed_m_s,
                 steer,
                 preview: SteerPreview {
-                    valid: ahead.hand_wheel == HandWheel::Commanded,
+                    valid: ahead.hand_wheel == HandWheel::Commanded && human.is_none(),
                     angle_rad: ahead.steering_wheel_angle_rad,
                     rate_rad_s: ahead.steering_wheel_rate_rad_s,
                 },
@@ -333,6 +351,7 @@ impl RigNode {
         status.flags = flags;
         (status.used_suspension_state, status.used_vehicle_state) = (self.used[0], self.used[1]);
         status.used_bench = self.used[2];
+        status.parameters_version = self.live.version();
         status.state = verdict.state as u64;
         if let Some(trip) = verdict.trip {
             (status.trip_code, status.trip_tick) = (trip.code as u64, trip.tick);

@@ -4,6 +4,7 @@ mod configuration;
 mod log;
 mod model;
 mod procedure;
+pub mod param;
 mod run;
 mod service;
 mod summary;
@@ -31,6 +32,8 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
         Command::Model(args) => model::model(&args),
+        Command::Param(args) => param::param(&args),
+        Command::Operate(args) => param::operate(&args),
         Command::Clean(args) => table::clean(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());

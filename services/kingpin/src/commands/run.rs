@@ -45,6 +45,13 @@ pub fn run(args: &RunArgs) -> Exit {
             return refuse(args, Exit::BadInput, &error.to_string());
         }
     }
+    if let Err(refused) = params::Schedule::new(&resolved) {
+        let lines: Vec<_> = refused.iter().map(|r| format!("{}: {r}", resolved.scenario.name)).collect();
+        return refuse(args, Exit::BadInput, &lines.join("\n"));
+    }
+    if args.operate && args.lockstep.is_some() {
+        return refuse(args, Exit::BadInput, "--operate: needs a run by the clock, not --lockstep");
+    }
     let directory = match make_directory(args, &resolved) {
         Ok(directory) => directory,
         Err(error) => return refuse(args, Exit::Unavailable, &error),
@@ -67,6 +74,7 @@ pub fn run(args: &RunArgs) -> Exit {
         mode,
         restart_delay_ns: (args.restart_delay * 1e9) as u64,
         versions: versions(),
+        operated: args.operate,
     };
     let mut view = View::new(&run, args.json);
     let outcome = supervisor::run(&run, &interrupt, &mut view);
