@@ -146,7 +146,8 @@ impl Desk {
     }
 
     fn look_at_schedule(&mut self, n: u64) {
-        let since = if self.manoeuvre_start == NO_TICK { return } else { n.saturating_sub(self.manoeuvre_start) };
+        let since =
+            if self.manoeuvre_start == NO_TICK { return } else { n.saturating_sub(self.manoeuvre_start) };
         while self.schedule.first().is_some_and(|step| step.0 <= since) {
             let (_, values) = self.schedule.remove(0);
             let settings: Vec<_> = params::difference(&self.base, &values)
@@ -238,7 +239,9 @@ impl Desk {
         };
         match operation {
             Operation::Arm | Operation::Start if !self.operated => {
-                return no("this run arms and starts by itself; `kingpin run --operate` leaves it to you".to_owned());
+                return no(
+                    "this run arms and starts by itself; `kingpin run --operate` leaves it to you".to_owned()
+                );
             }
             Operation::Acknowledge if !self.operated => {
                 return no("this run ends when it trips; `kingpin run --operate` goes on".to_owned());

@@ -161,7 +161,8 @@ impl HumanSteer {
             self.torque_n_m = finite(measured_n_m);
         }
         if self.mode == HumanMode::Torque {
-            self.torque_n_m += period_s / (Self::TORQUE_LAG_S + period_s) * (self.wanted_n_m - self.torque_n_m);
+            self.torque_n_m +=
+                period_s / (Self::TORQUE_LAG_S + period_s) * (self.wanted_n_m - self.torque_n_m);
             // What angle mode would start from.
             if measured_rad.is_finite() {
                 (self.angle_rad, self.rate_rad_s) = (measured_rad, 0.0);
@@ -201,7 +202,8 @@ impl HumanSteer {
     }
 
     /// Whether a human steers, or gives back.
-    pub fn steers(&self) -> bool {
+    #[cfg(test)]
+    fn steers(&self) -> bool {
         self.taken
     }
 }

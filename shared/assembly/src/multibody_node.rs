@@ -8,8 +8,8 @@ use multibody::{Status, Suspension, SuspensionInput, SuspensionOutput};
 use nalgebra::Vector3;
 use params::{Id, value};
 use regions::{
-    MultibodyCheckpoint, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, SuspensionState, VehicleState,
-    model_flags,
+    MultibodyCheckpoint, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, SuspensionState,
+    VehicleState, model_flags,
 };
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 

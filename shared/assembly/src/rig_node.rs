@@ -11,8 +11,8 @@ use config::{Broken, ResolvedBench};
 use functional_model::Model as FunctionalModel;
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{
-    Bench, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState, model_flags,
-    rig_flags,
+    Bench, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState,
+    model_flags, rig_flags,
 };
 use rig_control::{ControlDiagnostics, RigCommand, RigController, SteerCommand, SteerPreview};
 use rig_plant::{Actuation, ComposedUnit, Measurement, RigEnvironment, VirtualRig};

@@ -11,7 +11,8 @@ use manoeuvre::path::{Observed, PathDriver};
 use manoeuvre::{HandWheel, Manoeuvre};
 use params::{Id, value};
 use regions::{
-    Bench, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags,
+    Bench, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState,
+    model_flags,
 };
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 use tyre::Tyre;

@@ -16,6 +16,7 @@ pub struct Client {
     port: client::Client<ipc::Service, [u8], (), [u8], ()>,
     _service: Service,
     _node: Node<ipc::Service>,
+    bench: String,
 }
 
 impl Client {
@@ -38,7 +39,7 @@ impl Client {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| LinkError::Transport(format!("{e:?}")))?;
-        Ok(Client { port, _service: service, _node: node })
+        Ok(Client { port, _service: service, _node: node, bench: bench.name().as_str().to_owned() })
     }
 
     /// Asks and waits for the answer, at most `patience`.
@@ -49,10 +50,17 @@ impl Client {
         let transport = |e: &dyn std::fmt::Debug| LinkError::Transport(format!("{e:?}"));
         let bytes = postcard::to_allocvec(request).map_err(|e| LinkError::Garbled(e.to_string()))?;
         if bytes.len() > REQUEST_MAX {
-            return Err(LinkError::Garbled(format!("a request of {} bytes, at most {REQUEST_MAX}", bytes.len())));
+            return Err(LinkError::Garbled(format!(
+                "a request of {} bytes, at most {REQUEST_MAX}",
+                bytes.len()
+            )));
         }
         let loan = self.port.loan_slice_uninit(bytes.len()).map_err(|e| transport(&e))?;
         let pending = loan.write_from_slice(&bytes).send().map_err(|e| transport(&e))?;
+        if pending.number_of_server_connections() == 0 {
+            // Nobody has it: the supervisor of this link has gone.
+            return Err(LinkError::NobodyThere { bench: self.bench.clone() });
+        }
         let begin = Instant::now();
         loop {
             if let Some(answer) = pending.receive().map_err(|e| transport(&e))? {

@@ -39,9 +39,14 @@ impl std::fmt::Display for LinkError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             LinkError::NobodyThere { bench } => {
-                write!(f, "bench {bench} takes no requests: it is not running in real time, or is another user's")
+                write!(
+                    f,
+                    "bench {bench} takes no requests: it is not running in real time, or is another user's"
+                )
             }
-            LinkError::TimedOut { waited_ms } => write!(f, "the supervisor did not answer within {waited_ms} ms"),
+            LinkError::TimedOut { waited_ms } => {
+                write!(f, "the supervisor did not answer within {waited_ms} ms")
+            }
             LinkError::Garbled(what) => write!(f, "not understood: {what}"),
             LinkError::Transport(what) => write!(f, "the link failed: {what}"),
         }

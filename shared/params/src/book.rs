@@ -213,7 +213,9 @@ fn forbidden(index: usize, state: Option<u64>) -> Option<Refusal> {
 /// A setting as the parameter's number.
 fn typed(parameter: &Parameter, setting: &Setting) -> Result<f64, String> {
     match (parameter.kind, setting) {
-        (_, Setting::Number(number)) if !number.is_finite() => Err(format!("{number} is not a finite number")),
+        (_, Setting::Number(number)) if !number.is_finite() => {
+            Err(format!("{number} is not a finite number"))
+        }
         (Kind::Number, Setting::Number(number)) => Ok(*number),
         (Kind::Switch, Setting::Switch(on)) => Ok(f64::from(u8::from(*on))),
         (Kind::Switch, Setting::Number(number)) if *number == 0.0 || *number == 1.0 => Ok(*number),
@@ -271,14 +273,24 @@ mod tests {
         for (path, setting, state, said) in [
             ("control.force.bandwidth_rad_s", Setting::Number(1e4), RUNNING, "must be in [10, 300] rad/s"),
             ("control.force.bandwidth_rad_s", Setting::Number(f64::NAN), RUNNING, "not a finite number"),
-            ("control.force.bandwidth_rad_s", Setting::Text("fast".into()), RUNNING, "wrong type: the text `fast`"),
+            (
+                "control.force.bandwidth_rad_s",
+                Setting::Text("fast".into()),
+                RUNNING,
+                "wrong type: the text `fast`",
+            ),
             ("control.force.bandwidth_rad_s", Setting::Switch(true), RUNNING, "must be a number in rad/s"),
             ("control.switches.delay_compensation", Setting::Number(0.5), RUNNING, "must be on or off"),
             ("control.switches.force_conversion", Setting::Switch(false), RUNNING, "not in state running"),
             ("control.force.bandwidth_rad_s", Setting::Number(90.0), TRIPPED, "not in state tripped"),
             ("human.mode", Setting::Text("feet".into()), RUNNING, "not one of off, angle, torque"),
             ("human.mode", Setting::Number(3.0), RUNNING, "must be one of"),
-            ("control.force.bandwith_rad_s", Setting::Number(90.0), RUNNING, "did you mean control.force.bandwidth_rad_s"),
+            (
+                "control.force.bandwith_rad_s",
+                Setting::Number(90.0),
+                RUNNING,
+                "did you mean control.force.bandwidth_rad_s",
+            ),
         ] {
             let refused = set(&mut book, path, setting, state).unwrap_err();
             assert!(refused.contains(said), "{path}: {refused}");

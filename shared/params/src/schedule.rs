@@ -50,10 +50,12 @@ impl Schedule {
                         _ => steps.push(step),
                     }
                 }
-                Err(reasons) => refused.extend(reasons.into_iter().map(|r| Refusal {
-                    path: format!("parameters[{place}]: {}", r.path),
-                    reason: r.reason,
-                })),
+                Err(reasons) => {
+                    refused.extend(reasons.into_iter().map(|r| Refusal {
+                        path: format!("parameters[{place}]: {}", r.path),
+                        reason: r.reason,
+                    }))
+                }
             }
         }
         if refused.is_empty() { Ok(Schedule { steps }) } else { Err(refused) }

@@ -43,7 +43,9 @@ pub fn read_snapshot(text: &str) -> Result<Vec<(String, Setting)>, SnapshotError
                 toml::Value::Integer(number) => Setting::Number(number as f64),
                 toml::Value::Boolean(on) => Setting::Switch(on),
                 toml::Value::String(text) => Setting::Text(text),
-                other => return Err(SnapshotError(format!("{path} = {other}: must be a number, switch or name"))),
+                other => {
+                    return Err(SnapshotError(format!("{path} = {other}: must be a number, switch or name")));
+                }
             };
             Ok((path, setting))
         })

@@ -1,9 +1,11 @@
 //! The commands, one file a group.
 
 mod configuration;
+pub mod console;
 mod log;
 mod model;
 mod procedure;
+pub mod monitor;
 pub mod param;
 mod run;
 mod service;
@@ -32,6 +34,8 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Procedure(args) => procedure::procedure(&args),
         Command::Suspension(args) => suspension::suspension(&args),
         Command::Model(args) => model::model(&args),
+        Command::Console(args) => console::console(&args),
+        Command::Monitor(args) => monitor::monitor(&args),
         Command::Param(args) => param::param(&args),
         Command::Operate(args) => param::operate(&args),
         Command::Clean(args) => table::clean(&args),

@@ -161,7 +161,9 @@ fn refused(json: bool, answer: &Answer) -> Exit {
     match answer {
         Answer::Refused(reasons) => {
             if json {
-                output::json(&json!({"refused": reasons.iter().map(|r| json!({"path": r.path, "reason": r.reason})).collect::<Vec<_>>()}));
+                output::json(
+                    &json!({"refused": reasons.iter().map(|r| json!({"path": r.path, "reason": r.reason})).collect::<Vec<_>>()}),
+                );
             } else {
                 reasons.iter().for_each(output::note);
             }
@@ -204,7 +206,8 @@ fn run(args: &ParamArgs) -> Result<Exit, Failed> {
             let (version, entries) = entries(&bench)?;
             let unknown: Vec<_> = path.iter().filter(|p| by_path(p).is_none()).collect();
             if let Some(path) = unknown.first() {
-                let hint = params::closest(path).map(|near| format!("; did you mean {near}?")).unwrap_or_default();
+                let hint =
+                    params::closest(path).map(|near| format!("; did you mean {near}?")).unwrap_or_default();
                 return Err((Exit::BadInput, format!("{path}: no such parameter{hint}")));
             }
             let wanted: Vec<_> = entries.into_iter().filter(|e| path.contains(&e.path)).collect();
@@ -221,11 +224,13 @@ fn run(args: &ParamArgs) -> Result<Exit, Failed> {
         ParamCommand::Undo => change(args, &bench, &Request::Undo { source: source() }),
         ParamCommand::Snapshot { file } => {
             let (version, entries) = entries(&bench)?;
-            let text = params::write_snapshot(&values(&entries), &format!("bench {}, version {version}", args.name));
+            let text =
+                params::write_snapshot(&values(&entries), &format!("bench {}, version {version}", args.name));
             if file == Path::new("-") {
                 output::line(text.trim_end());
             } else {
-                std::fs::write(file, text).map_err(|e| (Exit::Unavailable, format!("{}: {e}", file.display())))?;
+                std::fs::write(file, text)
+                    .map_err(|e| (Exit::Unavailable, format!("{}: {e}", file.display())))?;
             }
             Ok(Exit::Done)
         }
@@ -252,7 +257,15 @@ fn run(args: &ParamArgs) -> Result<Exit, Failed> {
             } else {
                 let rows: Vec<_> = found
                     .iter()
-                    .map(|(path, from, to)| vec![(*path).to_owned(), human(path, *from), "->".to_owned(), human(path, *to), unit(path)])
+                    .map(|(path, from, to)| {
+                        vec![
+                            (*path).to_owned(),
+                            human(path, *from),
+                            "->".to_owned(),
+                            human(path, *to),
+                            unit(path),
+                        ]
+                    })
                     .collect();
                 output::line(output::columns(&rows).trim_end());
             }
@@ -272,7 +285,8 @@ fn typed(settings: &[String]) -> Result<Vec<(String, Setting)>, Failed> {
 }
 
 fn snapshot(file: &Path) -> Result<Vec<(String, Setting)>, Failed> {
-    let text = std::fs::read_to_string(file).map_err(|e| (Exit::BadInput, format!("{}: {e}", file.display())))?;
+    let text =
+        std::fs::read_to_string(file).map_err(|e| (Exit::BadInput, format!("{}: {e}", file.display())))?;
     params::read_snapshot(&text).map_err(|e| (Exit::BadInput, format!("{}: {e}", file.display())))
 }
 
@@ -310,7 +324,8 @@ fn show(json: bool, version: u64, entries: &[Entry]) {
         output::json(&json!({"version": version, "parameters": rows}));
         return;
     }
-    let mut rows = vec![["path", "value", "unit", "range", "default", "service", "meaning"].map(str::to_owned).to_vec()];
+    let mut rows =
+        vec![["path", "value", "unit", "range", "default", "service", "meaning"].map(str::to_owned).to_vec()];
     for entry in entries {
         let Some(parameter) = by_path(&entry.path) else { continue };
         let range = match parameter.kind {
@@ -338,12 +353,20 @@ fn change(args: &ParamArgs, bench: &Bench, request: &Request) -> Result<Exit, Fa
     };
     let echo = echo(bench, *version);
     if args.json {
-        let rows: Vec<_> = changes.iter().map(|c| json!({"path": c.path, "from": c.from, "to": c.to})).collect();
-        let at: serde_json::Map<_, _> = echo.iter().map(|(who, tick)| ((*who).to_owned(), json!(tick))).collect();
+        let rows: Vec<_> =
+            changes.iter().map(|c| json!({"path": c.path, "from": c.from, "to": c.to})).collect();
+        let at: serde_json::Map<_, _> =
+            echo.iter().map(|(who, tick)| ((*who).to_owned(), json!(tick))).collect();
         output::json(&json!({"version": version, "tick": tick, "changes": rows, "applied_by_tick": at}));
     } else {
         for c in changes {
-            output::line(format!("{}: {} -> {} {}", c.path, human(&c.path, c.from), human(&c.path, c.to), unit(&c.path)));
+            output::line(format!(
+                "{}: {} -> {} {}",
+                c.path,
+                human(&c.path, c.from),
+                human(&c.path, c.to),
+                unit(&c.path)
+            ));
         }
         let by: Vec<_> = echo
             .iter()

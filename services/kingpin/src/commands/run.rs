@@ -76,8 +76,13 @@ pub fn run(args: &RunArgs) -> Exit {
         versions: versions(),
         operated: args.operate,
     };
+    let beside = args.console.then(|| super::console::Beside::start(&args.name, args.console_port));
+    if let Some(Err(error)) = &beside {
+        output::note(format!("the run has no console: {error}"));
+    }
     let mut view = View::new(&run, args.json);
     let outcome = supervisor::run(&run, &interrupt, &mut view);
+    drop(beside);
     view.bar.finish_and_clear();
     match outcome {
         Ok(outcome) => finish(args, &run, &outcome),

@@ -298,7 +298,8 @@ impl Ecu {
             let back = blend(a.return_n_m[row], a.return_n_m[next]) * o.rack_displacement_m;
             let back = back.clamp(-a.return_limit_n, a.return_limit_n);
             let [map_scale, damping_scale, return_scale] = self.scale;
-            (map_scale * map - damping_scale * damping - return_scale * back).clamp(-a.force_limit_n, a.force_limit_n)
+            (map_scale * map - damping_scale * damping - return_scale * back)
+                .clamp(-a.force_limit_n, a.force_limit_n)
         } else {
             0.0
         };
