@@ -25,6 +25,8 @@ pub(crate) struct Hub {
     /// A log named when the console was started.
     pub(crate) log: Option<PathBuf>,
     pub(crate) executable: PathBuf,
+    /// Values replaced in the runs that are started here.
+    pub(crate) set: Vec<String>,
     pub(crate) operator: Operator,
     pub(crate) clients: AtomicUsize,
     pub(crate) frames_sent: AtomicU64,
@@ -51,6 +53,7 @@ impl Hub {
         runs: PathBuf,
         log: Option<PathBuf>,
         executable: PathBuf,
+        set: Vec<String>,
         operator: Operator,
     ) -> Self {
         Hub {
@@ -59,6 +62,7 @@ impl Hub {
             runs,
             log,
             executable,
+            set,
             operator,
             clients: AtomicUsize::new(0),
             frames_sent: AtomicU64::new(0),
@@ -116,6 +120,9 @@ impl Hub {
         let mut command = Command::new(&self.executable);
         command.args(["run", scenario, "--operate", "--name", self.bench.name().as_str(), "--out"]);
         command.arg(&directory);
+        for set in &self.set {
+            command.args(["--set", set]);
+        }
         if let Some(duration) = duration_s {
             command.arg("--duration").arg(duration.to_string());
         }

@@ -48,6 +48,8 @@ pub struct Options {
     pub log: Option<PathBuf>,
     /// The executable that runs scenarios.
     pub executable: PathBuf,
+    /// Values replaced in the runs that are started here, as in `kingpin run --set`.
+    pub set: Vec<String>,
 }
 
 /// Why there is no console.
@@ -118,7 +120,7 @@ impl Console {
         let _ = rustix::process::nice(10);
         let o = self.options;
         let operator = Operator::start(o.bench.clone()).map_err(ConsoleError::System)?;
-        let hub = Arc::new(Hub::new(o.bench, o.token, o.runs, o.log, o.executable, operator));
+        let hub = Arc::new(Hub::new(o.bench, o.token, o.runs, o.log, o.executable, o.set, operator));
         let port = self.address.port();
         let mut hosts: Vec<String> = o.hosts;
         hosts.push(self.address.to_string());

@@ -14,6 +14,7 @@ mod plan;
 mod set;
 
 pub use children::{Change, Children, SERVICES};
+pub use live::at as parameters_at;
 pub use plan::{RunPlan, request};
 
 use assembly::manifest::{Drive, Manifest, ManifestError};

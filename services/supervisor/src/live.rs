@@ -13,7 +13,7 @@ pub(crate) fn words(n: u64, version: u64, values: &Values) -> Parameters {
 }
 
 /// What a scenario's schedule says at tick `n`.
-pub(crate) fn at(schedule: &Schedule, n: u64) -> Parameters {
+pub fn at(schedule: &Schedule, n: u64) -> Parameters {
     let (version, values) = schedule.at(n);
     words(n, version, values)
 }

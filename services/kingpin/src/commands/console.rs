@@ -41,6 +41,9 @@ pub struct ConsoleArgs {
     /// Directory of the runs that are listed and of those that are started here
     #[arg(long, default_value = "runs", value_name = "DIR")]
     pub runs: PathBuf,
+    /// Replace a value in the runs that are started here, as in `kingpin run`; may be repeated
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub set: Vec<String>,
     /// File with the token instead of a random one: at least 16 letters and digits
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<PathBuf>,
@@ -87,6 +90,7 @@ pub fn console(args: &ConsoleArgs) -> Exit {
         runs: args.runs.clone(),
         log: args.log.clone(),
         executable,
+        set: args.set.clone(),
     };
     let console = match Console::new(options) {
         Ok(console) => console,
