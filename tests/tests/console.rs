@@ -71,7 +71,8 @@ impl Console {
 
     /// Starts a run and waits until its rig is idle and takes requests.
     fn launch(&self, operator: &mut Socket, scenario: &str, duration_s: f64) {
-        let answer = operator.ask(&json!({"launch": {"scenario": scenario, "duration_s": duration_s}})).unwrap();
+        let answer =
+            operator.ask(&json!({"launch": {"scenario": scenario, "duration_s": duration_s}})).unwrap();
         assert!(answer["launched"].is_string(), "{answer}");
         until("the bench", || operator.ask(&json!({"parameters": {}})).unwrap()["parameters"].is_object());
         self.until_state(operator, "idle");
@@ -87,14 +88,19 @@ impl Console {
 
     fn state(&self) -> Value {
         let show = |region: &str| -> Value {
-            let output =
-                Command::new(kingpin()).args(["table", "show", region, "--json", "--name", &self.name]).output();
+            let output = Command::new(kingpin())
+                .args(["table", "show", region, "--json", "--name", &self.name])
+                .output();
             serde_json::from_slice(&output.unwrap().stdout).unwrap_or(Value::Null)
         };
         let (bench, parameters, status) = (show("bench"), show("parameters"), show("rig_status"));
         json!([
-            bench["content"]["request_count"], bench["content"]["request"], bench["content"]["emergency_stop"],
-            bench["content"]["end_tick"], parameters["content"], status["content"]["state"],
+            bench["content"]["request_count"],
+            bench["content"]["request"],
+            bench["content"]["emergency_stop"],
+            bench["content"]["end_tick"],
+            parameters["content"],
+            status["content"]["state"],
         ])
     }
 
@@ -110,7 +116,9 @@ impl Drop for Console {
         let _ = Command::new(kingpin()).args(["operate", "end", "--name", &self.name]).output();
         if let Ok(bench) = table::Bench::new(&self.name) {
             let begin = Instant::now();
-            while bench.supervisor_pid().is_ok_and(|pid| pid.is_some()) && begin.elapsed() < Duration::from_secs(20) {
+            while bench.supervisor_pid().is_ok_and(|pid| pid.is_some())
+                && begin.elapsed() < Duration::from_secs(20)
+            {
                 std::thread::sleep(Duration::from_millis(50));
             }
         }
@@ -156,7 +164,9 @@ fn nobody_gets_in_under_another_name_or_from_another_page() {
     for path in ["/report/..%2f..%2fetc", "/report/%2e%2e", "/../Cargo.toml", "/report/nothing"] {
         assert_eq!(get(address, path, &[("Host", &host)]).unwrap().0, 404, "{path}");
     }
-    for origin in [None, Some("http://evil.example"), Some("null"), Some("file://"), Some("http://127.0.0.1:1")] {
+    for origin in
+        [None, Some("http://evil.example"), Some("null"), Some("file://"), Some("http://127.0.0.1:1")]
+    {
         assert_eq!(Socket::connect(address, origin).err().as_deref(), Some("403"), "origin {origin:?}");
     }
     assert!(Socket::connect(address, Some(&format!("http://{localhost}"))).is_ok());
@@ -189,7 +199,15 @@ fn without_the_token_nothing_is_written() {
 fn malformed_and_huge_messages_are_refused() {
     let console = Console::start("huge");
     let mut client = console.operator();
-    for text in ["", "{", "null", "[1,2]", r#"{"want":{"nothing":{}}}"#, r#"{"id":-1,"want":{"undo":{}}}"#, "\u{0}\u{1}"] {
+    for text in [
+        "",
+        "{",
+        "null",
+        "[1,2]",
+        r#"{"want":{"nothing":{}}}"#,
+        r#"{"id":-1,"want":{"undo":{}}}"#,
+        "\u{0}\u{1}",
+    ] {
         client.send(text).unwrap();
     }
     client.send_frame(2, &[0xff; 100]).unwrap();
@@ -206,13 +224,17 @@ fn malformed_and_huge_messages_are_refused() {
         assert!(client.ask(&json!({"replay": {"run": name}})).unwrap()["error"].is_string(), "{name}");
     }
     let many: Vec<_> = (0..33).map(|_| "rig_status.state").collect();
-    let answer = client.ask(&json!({"subscribe": {"traces": many, "latest": [], "rate_hz": 1e300, "points_hz": -5.0}}));
+    let answer = client
+        .ask(&json!({"subscribe": {"traces": many, "latest": [], "rate_hz": 1e300, "points_hz": -5.0}}));
     assert!(answer.unwrap()["error"].is_string());
     for size in [9_000, 1_000_000] {
         let mut rude = console.client();
         let _ = rude.send(&"x".repeat(size));
         while let Some(value) = rude.receive() {
-            assert!(value["frame"].is_object() || value["greeting"].is_object(), "{size} bytes were answered: {value}");
+            assert!(
+                value["frame"].is_object() || value["greeting"].is_object(),
+                "{size} bytes were answered: {value}"
+            );
         }
     }
     assert!(console.client().ask(&json!({"runs": {}})).is_some(), "the console goes on");
@@ -237,7 +259,8 @@ fn ten_thousand_fuzzed_messages_change_nothing() {
     let mut operator = console.operator();
     console.launch(&mut operator, "slalom_120", 600.0);
     let before = console.state();
-    let mut seeds: Vec<String> = writes().iter().map(|want| json!({"id": 1, "want": want}).to_string()).collect();
+    let mut seeds: Vec<String> =
+        writes().iter().map(|want| json!({"id": 1, "want": want}).to_string()).collect();
     seeds.push(json!({"id": 1, "want": {"subscribe": {"traces": ["rig_status.state"], "latest": [], "rate_hz": 1.0, "points_hz": 100.0}}}).to_string());
     seeds.push(json!({"id": 1, "want": {"seek": {"to_s": 1e9}}}).to_string());
     let seed = 20_260_101;
@@ -289,10 +312,16 @@ fn ten_thousand_fuzzed_messages_change_nothing() {
 
 fn many() -> Value {
     let traces = [
-        "rig_measurement.steering_wheel_angle_rad", "rig_measurement.steering_wheel_torque_n_m",
-        "rig_measurement.rack_displacement_m", "rig_measurement.tie_rod_force_n.left",
-        "rig_measurement.tie_rod_force_n.right", "vehicle_state.acceleration_m_s2.y", "vehicle_state.velocity_m_s.x",
-        "vehicle_state.angular_velocity_rad_s.z", "vehicle_state.roll_rad", "rig_status.port_energy_j",
+        "rig_measurement.steering_wheel_angle_rad",
+        "rig_measurement.steering_wheel_torque_n_m",
+        "rig_measurement.rack_displacement_m",
+        "rig_measurement.tie_rod_force_n.left",
+        "rig_measurement.tie_rod_force_n.right",
+        "vehicle_state.acceleration_m_s2.y",
+        "vehicle_state.velocity_m_s.x",
+        "vehicle_state.angular_velocity_rad_s.z",
+        "vehicle_state.roll_rad",
+        "rig_status.port_energy_j",
     ];
     json!({"subscribe": {"traces": traces, "latest": ["rig_status.state"], "rate_hz": 20.0, "points_hz": 100.0}})
 }
@@ -374,7 +403,10 @@ fn the_page_in_a_real_browser() {
     page.until("samples", &format!("{trace} && {trace}.n > 300"));
     let samples = page.run(&format!("return {trace}.n")).as_u64().unwrap();
     page.until("more samples", &format!("{trace}.n > {samples} + 100"));
-    page.until("steering", &format!("Math.abs({}) > 0.05", value("rig_measurement.steering_wheel_angle_rad")));
+    page.until(
+        "steering",
+        &format!("Math.abs({}) > 0.05", value("rig_measurement.steering_wheel_angle_rad")),
+    );
     let before = page.run("return window.kingpin.stats.updates").as_f64().unwrap();
     let begin = Instant::now();
     std::thread::sleep(Duration::from_secs(6));
@@ -386,8 +418,12 @@ fn the_page_in_a_real_browser() {
     );
     println!(
         "{:.1} updates a second, {} signals; drawing p50 {:.1} ms, p95 {:.1} ms; between updates p50 {:.1} ms, p95 {:.1} ms",
-        updates / begin.elapsed().as_secs_f64(), drawn[4], drawn[0].as_f64().unwrap(), drawn[1].as_f64().unwrap(),
-        drawn[2].as_f64().unwrap(), drawn[3].as_f64().unwrap()
+        updates / begin.elapsed().as_secs_f64(),
+        drawn[4],
+        drawn[0].as_f64().unwrap(),
+        drawn[1].as_f64().unwrap(),
+        drawn[2].as_f64().unwrap(),
+        drawn[3].as_f64().unwrap()
     );
     page.picture(&pictures.join("2-watch.png"));
     page.click("#tab-timing");
@@ -398,18 +434,33 @@ fn the_page_in_a_real_browser() {
     page.click("#tab-tune");
     page.until("parameters", "document.querySelectorAll('#parameters tr').length > 20");
     page.fill("[id='p-speed.offset_m_s']", "-5");
-    page.until("the answer", "document.querySelector('#tune-said').textContent.includes('speed.offset_m_s: 0 → -5')");
+    page.until(
+        "the answer",
+        "document.querySelector('#tune-said').textContent.includes('speed.offset_m_s: 0 → -5')",
+    );
     let speed = "Math.abs(window.kingpin.value('vehicle_state.target_speed_m_s') - (120 / 3.6 - 5)) < 0.01";
     page.until("the target speed", speed);
-    page.until("the car to slow down", &format!("{} < 120 / 3.6 - 0.5", value("vehicle_state.velocity_m_s.x")));
+    page.until(
+        "the car to slow down",
+        &format!("{} < 120 / 3.6 - 0.5", value("vehicle_state.velocity_m_s.x")),
+    );
     page.fill("[id='p-control.force.bandwidth_rad_s']", "5000");
-    page.until("the refusal", "document.querySelector('#tune-said').textContent.includes('must be in [10, 300]')");
+    page.until(
+        "the refusal",
+        "document.querySelector('#tune-said').textContent.includes('must be in [10, 300]')",
+    );
     page.picture(&pictures.join("4-tune.png"));
     page.click("#undo");
-    page.until("undone", "Math.abs(window.kingpin.value('vehicle_state.target_speed_m_s') - 120 / 3.6) < 0.01");
+    page.until(
+        "undone",
+        "Math.abs(window.kingpin.value('vehicle_state.target_speed_m_s') - 120 / 3.6) < 0.01",
+    );
     page.fill("#snapshot-name", "before");
     page.click("#snapshot");
-    page.until("the snapshot", "document.querySelector('#tune-said').textContent.includes('saved as before')");
+    page.until(
+        "the snapshot",
+        "document.querySelector('#tune-said').textContent.includes('saved as before')",
+    );
 
     // Steer by keyboard: left is left, and the car turns.
     page.click("#tab-steer");
@@ -417,7 +468,14 @@ fn the_page_in_a_real_browser() {
     page.until("the wheel", "window.kingpin.steer.on");
     let yaw = page.run(&format!("return {}", value("vehicle_state.yaw_rad"))).as_f64().unwrap();
     page.hold_key("\u{e012}", Duration::from_millis(700));
-    page.until("the hand wheel to follow", &format!("{} > 0.2 || {} > {yaw} + 0.05", value("rig_measurement.steering_wheel_angle_rad"), value("vehicle_state.yaw_rad")));
+    page.until(
+        "the hand wheel to follow",
+        &format!(
+            "{} > 0.2 || {} > {yaw} + 0.05",
+            value("rig_measurement.steering_wheel_angle_rad"),
+            value("vehicle_state.yaw_rad")
+        ),
+    );
     page.picture(&pictures.join("5-steer.png"));
     page.until("the car to turn left", &format!("{} > {yaw} + 0.05", value("vehicle_state.yaw_rad")));
     page.click("#steer-take");
@@ -442,7 +500,9 @@ fn the_page_in_a_real_browser() {
     page.picture(&pictures.join("7-runs.png"));
     page.click("button.replay");
     page.until("the replay", "!document.querySelector('#replaybar').hidden");
-    page.run("const r = document.querySelector('#replay-at'); r.value = 3; r.dispatchEvent(new Event('input'))");
+    page.run(
+        "const r = document.querySelector('#replay-at'); r.value = 3; r.dispatchEvent(new Event('input'))",
+    );
     page.until("the place", "Math.abs(+document.querySelector('#replay-at').value - 3) < 2.5");
     page.until("curves of the log", &format!("{trace}.n > 200"));
     page.run("const s = document.querySelector('#replay-speed'); s.value = '5'; s.dispatchEvent(new Event('change'))");
@@ -461,7 +521,9 @@ fn load_on_the_loop_with_0_1_and_5_clients() {
     let console = Console::start("load");
     let mut operator = console.operator();
     console.launch(&mut operator, "slalom_120", 600.0);
-    operator.ask(&json!({"subscribe": {"traces": [], "latest": [], "rate_hz": 0.5, "points_hz": 1.0}})).unwrap();
+    operator
+        .ask(&json!({"subscribe": {"traces": [], "latest": [], "rate_hz": 0.5, "points_hz": 1.0}}))
+        .unwrap();
     let stop = std::sync::atomic::AtomicBool::new(false);
     let mut spells = Vec::new();
     let tick = |operator: &mut Socket| operator.next_frame().unwrap()["tick"].as_u64().unwrap();
@@ -489,16 +551,25 @@ fn load_on_the_loop_with_0_1_and_5_clients() {
     });
     console.end_run(&mut operator);
     let runs = console.folder.path().join("runs");
-    let run = std::fs::read_dir(&runs).unwrap().map(|e| e.unwrap().path()).find(|p| p.join("log.mcap").exists());
+    let run =
+        std::fs::read_dir(&runs).unwrap().map(|e| e.unwrap().path()).find(|p| p.join("log.mcap").exists());
     let log = record::LogReader::open(&run.unwrap()).unwrap();
-    println!("{:>7} {:>8} {:>38} {:>38}", "clients", "ticks", "wake-up lateness p50/p99/p99.9 [us]", "done after tick p50/p99/p99.9 [us]");
+    println!(
+        "{:>7} {:>8} {:>38} {:>38}",
+        "clients", "ticks", "wake-up lateness p50/p99/p99.9 [us]", "done after tick p50/p99/p99.9 [us]"
+    );
     for clients in [0, 1, 5] {
         let column = |region: &str, name: &str| {
             let ticks = log.region(region).unwrap().ticks.clone();
             let values = log.column(region, name).unwrap();
-            let inside = |t: &u64| spells.iter().any(|(c, from, to)| *c == clients && (*from..*to).contains(t));
-            let mut found: Vec<f64> =
-                ticks.iter().zip(values).filter(|(t, v)| inside(t) && v.is_finite()).map(|(_, v)| 1e6 * v).collect();
+            let inside =
+                |t: &u64| spells.iter().any(|(c, from, to)| *c == clients && (*from..*to).contains(t));
+            let mut found: Vec<f64> = ticks
+                .iter()
+                .zip(values)
+                .filter(|(t, v)| inside(t) && v.is_finite())
+                .map(|(_, v)| 1e6 * v)
+                .collect();
             found.sort_by(f64::total_cmp);
             found
         };

@@ -48,8 +48,14 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("multibody_service", &["assembly", "table"]),
     ("rig_service", &["assembly", "table"]),
     ("logger", &["assembly", "params", "record", "regions", "runtime", "table"]),
-    ("console", &["assembly", "config", "operator_link", "params", "record", "regions", "report", "safety", "table"]),
-    ("supervisor", &["assembly", "config", "logger", "operator_link", "params", "record", "regions", "runtime", "table"]),
+    (
+        "console",
+        &["assembly", "config", "operator_link", "params", "record", "regions", "report", "safety", "table"],
+    ),
+    (
+        "supervisor",
+        &["assembly", "config", "logger", "operator_link", "params", "record", "regions", "runtime", "table"],
+    ),
 ];
 
 /// May depend on everything.

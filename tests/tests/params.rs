@@ -34,7 +34,8 @@ fn trace(changes: &[String]) -> Vec<u64> {
     let info = TableInfo { run_id: 1, period_ns: resolved.scenario.timing.period_ns(), t0_ns: 1 };
     let table = Table::create_local(&region_specs(period_s), info).unwrap();
     let bind = |kind| Bound::<dyn Model>::new(build(kind, &resolved).unwrap(), &table, true).unwrap();
-    let mut chain = Chain::new(ServiceKind::ALL.map(bind).into_iter().collect(), vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
+    let mut chain =
+        Chain::new(ServiceKind::ALL.map(bind).into_iter().collect(), vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
     let mut bench = table.claim_writer(RegionId::Bench as usize).unwrap();
     let mut parameters = table.claim_writer(RegionId::Parameters as usize).unwrap();
     let schedule = params::Schedule::new(&resolved).unwrap();
@@ -135,11 +136,14 @@ fn undo_restores_bit_identical_behaviour() {
     let mut changes = all(AT);
     changes.extend(undone(AT));
     assert!(trace(&changes) == base, "a change that was undone at once left a trace");
-    // Changed while the bench is off and nothing moves, undone before it is armed: the controller and the car
-    // that start are the ones of the configuration. What the car did meanwhile is the only difference allowed,
-    // so parameters of the car stay out.
-    let quiet: Vec<_> = LIST.iter().filter(|p| p.path.starts_with("control.steer.torque") || p.path.starts_with("human.steering")).collect();
-    let mut changes: Vec<_> = quiet.iter().map(|p| set(300, p.path, other(p, defaults[p.id as usize]))).collect();
+    // Set for a while where it has no effect (torque mode's gains in angle mode, a human who does not steer), then
+    // undone: as if nothing had been, before, during and after.
+    let quiet: Vec<_> = LIST
+        .iter()
+        .filter(|p| p.path.starts_with("control.steer.torque") || p.path.starts_with("human.steering"))
+        .collect();
+    let mut changes: Vec<_> =
+        quiet.iter().map(|p| set(300, p.path, other(p, defaults[p.id as usize]))).collect();
     changes.extend(vec![undo(900); quiet.len()]);
     assert!(trace(&changes) == base, "what had no effect while it was set has one after it was undone");
     // Undoing is the same as setting the old values again, bit by bit, also when the change acted meanwhile.
@@ -196,12 +200,16 @@ fn a_running_bench_is_tuned_says_so_and_survives_killed_askers() {
         std::thread::sleep(Duration::from_millis(100));
     }
     // Echoed by all three services.
-    let (code, said, _) = param(&["set", "control.force.bandwidth_rad_s=90", "tyre.front.friction_scale=0.5"]);
+    let (code, said, _) =
+        param(&["set", "control.force.bandwidth_rad_s=90", "tyre.front.friction_scale=0.5"]);
     let answer: Value = serde_json::from_str(&said).unwrap();
     assert_eq!(code, Some(0));
     assert_eq!(answer["version"], 2);
     for service in ["rig", "vehicle", "multibody"] {
-        assert!(answer["applied_by_tick"][service].is_u64(), "{service} did not say that it took it over: {answer}");
+        assert!(
+            answer["applied_by_tick"][service].is_u64(),
+            "{service} did not say that it took it over: {answer}"
+        );
     }
     for (setting, reason) in [
         ("control.force.bandwidth_rad_s=1e9", "must be in [10, 300]"),
@@ -238,5 +246,8 @@ fn a_running_bench_is_tuned_says_so_and_survives_killed_askers() {
     assert_eq!(changed.len(), 4, "two changes and their undoing are in the log: {changed:?}");
     assert_eq!(changed[0].detail["path"], "control.force.bandwidth_rad_s");
     let seen = log.column_u64("vehicle_state", "parameters_version").unwrap();
-    assert!(seen.is_sorted() && seen.contains(&2) && seen.last() == Some(&3), "the versions are echoed in order");
+    assert!(
+        seen.is_sorted() && seen.contains(&2) && seen.last() == Some(&3),
+        "the versions are echoed in order"
+    );
 }

@@ -111,13 +111,13 @@ $("hold").onclick = () => { held = held === null ? newestTime() : null; $("hold"
 const newestTime = () => Math.max(0, ...names.map((n) => (traces.get(n) ? traces.get(n).time() : 0)));
 
 // ---- frames
-const gauges = {}, top = {};
+const gauges = {}, above = {};
 [["gauges", ["angle", "torque", "speed", "left", "right"]], ["steer-gauges", ["torque", "angle", "speed", "lateral"]]].forEach(([id, which]) => {
   const kinds = { angle: ["steering angle", "deg", -180, 180, 1], torque: ["steering torque", "N·m", -8, 8, 2], speed: ["speed", "km/h", 0, 160, 1], left: ["tie rod left", "kN", -6, 6, 2], right: ["tie rod right", "kN", -6, 6, 2], lateral: ["lateral acceleration", "m/s²", -10, 10, 2] };
   gauges[id] = Object.fromEntries(which.map((k) => [k, new Gauge($(id), ...kinds[k])]));
 });
 const suspension = new SuspensionView($("suspension"));
-top.watch = new TopView($("top")); top.steer = new TopView($("steer-top"));
+above.watch = new TopView($("top")); above.steer = new TopView($("steer-top"));
 const steer = new SteerInput($("wheel"), $("wheel-slider"));
 window.kingpin.steer = steer;
 
@@ -127,7 +127,7 @@ Link.on("frame", (value) => {
   frame = value;
   if (value.note) { happened(value.note); banner(value.note, /as planned/.test(value.note)); }
   if (value.live && value.live.anew) {
-    traces.forEach((t) => t.clear()); Object.values(top).forEach((t) => t.clear());
+    traces.forEach((t) => t.clear()); Object.values(above).forEach((t) => t.clear());
     if (value.live.about) newRun(value.live.about);
   }
   value.latest.forEach((v, i) => { now[LATEST[i]] = v; });
@@ -166,7 +166,7 @@ function draw() {
   const pressed = now["bench.emergency_stop"] === 1;
   $("estop").classList.toggle("pressed", pressed);
   const car = { x: now[VS + "position_m.x"], y: now[VS + "position_m.y"], yaw: now[VS + "yaw_rad"], wheelbase, steer: ["fl", "fr", "rl", "rr"].map((w) => now[`${VS}steer_rad.${w}`]) };
-  if (Number.isFinite(car.x)) Object.values(top).forEach((v) => v.move(car.x, car.y));
+  if (Number.isFinite(car.x)) Object.values(above).forEach((v) => v.move(car.x, car.y));
   steer.measured = now[RM + "steering_wheel_angle_rad"] ?? NaN; steer.torque = now[RM + "steering_wheel_torque_n_m"] ?? NaN;
   if (tab === "run") drawRun(pressed);
   const end = held === null ? newestTime() : held, window_s = tab === "watch" ? +$("window").value : 10;
@@ -175,13 +175,13 @@ function draw() {
     const g = gauges.gauges;
     g.angle.set(deg(steer.measured)); g.torque.set(steer.torque); g.speed.set((now[VS + "velocity_m_s.x"] ?? NaN) * 3.6);
     g.left.set((now[RM + "tie_rod_force_n.left"] ?? NaN) / 1000); g.right.set((now[RM + "tie_rod_force_n.right"] ?? NaN) / 1000);
-    suspension.draw(pose()); top.watch.draw(car);
+    suspension.draw(pose()); above.watch.draw(car);
   }
   if (tab === "timing") drawTiming();
   if (tab === "steer") {
     const g = gauges["steer-gauges"];
     g.angle.set(deg(steer.measured)); g.torque.set(steer.torque); g.speed.set((now[VS + "velocity_m_s.x"] ?? NaN) * 3.6); g.lateral.set(now[VS + "acceleration_m_s2.y"]);
-    steer.draw(); top.steer.draw(car);
+    steer.draw(); above.steer.draw(car);
   }
 }
 function pose() {
@@ -248,7 +248,7 @@ function drawParameters() {
     if (p.choices) { input = document.createElement("select"); p.choices.forEach((c, i) => input.append(new Option(c, i))); input.value = p.value; }
     else { input = document.createElement("input"); input.type = "number"; input.step = "any"; input.value = +p.value.toPrecision(7); input.size = 10; }
     input.disabled = !mayWrite; input.id = `p-${p.path}`; input.setAttribute("aria-label", p.path);
-    input.onchange = () => set([[p.path, p.choices ? setting(p, +input.value) : input.value.trim() === "" ? "" : Number(input.value)]]);
+    input.onchange = () => input.value !== "" && set([[p.path, p.choices ? setting(p, +input.value) : Number(input.value)]]);
     const slider = document.createElement("input");
     if (p.choices) slider.hidden = true;
     else { slider.type = "range"; slider.min = p.min; slider.max = p.max; slider.step = (p.max - p.min) / 200; slider.value = p.value; slider.disabled = !mayWrite; slider.setAttribute("aria-label", `${p.path} slider`); slider.onchange = () => set([[p.path, Number(slider.value)]]); }
@@ -303,16 +303,16 @@ async function replay(run) {
   const a = await Link.ask("replay", { run });
   banner(a.error || "");
   if (a.error) return;
-  traces.forEach((t) => t.clear()); Object.values(top).forEach((t) => t.clear());
+  traces.forEach((t) => t.clear()); Object.values(above).forEach((t) => t.clear());
   if (a.about) newRun(a.about);
   show("watch");
 }
 $("runs-again").onclick = listRuns;
 $("replay-pause").onclick = () => replaying && Link.ask("play", { speed: +$("replay-speed").value, paused: !replaying.paused });
 $("replay-speed").onchange = () => replaying && Link.ask("play", { speed: +$("replay-speed").value, paused: replaying.paused });
-$("replay-at").oninput = () => { traces.forEach((t) => t.clear()); Object.values(top).forEach((t) => t.clear()); Link.ask("seek", { to_s: +$("replay-at").value }); };
+$("replay-at").oninput = () => { traces.forEach((t) => t.clear()); Object.values(above).forEach((t) => t.clear()); Link.ask("seek", { to_s: +$("replay-at").value }); };
 $("replay-at").onchange = () => $("replay-at").blur();
-$("replay-live").onclick = () => { traces.forEach((t) => t.clear()); Object.values(top).forEach((t) => t.clear()); now = {}; Link.ask("live"); };
+$("replay-live").onclick = () => { traces.forEach((t) => t.clear()); Object.values(above).forEach((t) => t.clear()); now = {}; Link.ask("live"); };
 let plotly = null;
 const loadPlotly = () => (plotly = plotly || new Promise((done) => { const s = document.createElement("script"); s.src = "plotly.js"; s.onload = done; document.head.append(s); }));
 $("compare").onclick = async () => {

@@ -40,6 +40,7 @@ class StripChart {
     this.legend.className = "legend";
     this.canvas = document.createElement("canvas");
     this.canvas.height = height;
+    this.canvas.style.height = `${height}px`;
     this.box.append(this.legend, this.canvas);
     parent.append(this.box);
     this.traces = [];

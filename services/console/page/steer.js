@@ -78,7 +78,9 @@ class SteerInput {
     };
     if (Number.isFinite(this.measured)) wheel(this.measured, "#34414e", 26);
     if (this.on) { g.globalAlpha = 0.45; wheel(this.wanted, "#1c5fa8", 12); g.globalAlpha = 1; }
-    g.fillStyle = "#16202a"; g.textAlign = "center"; g.font = "700 34px system-ui, sans-serif"; g.fillText(`${(this.measured * 180 / Math.PI).toFixed(1)}°`, m, m - 26);
-    g.font = "24px system-ui, sans-serif"; g.fillText(`${Number.isFinite(this.torque) ? this.torque.toFixed(2) : "–"} N·m`, m, m + 60);
+    g.textAlign = "center"; g.strokeStyle = "#fff"; g.lineWidth = 8; g.lineJoin = "round"; g.fillStyle = "#16202a";
+    const write = (text, y) => { g.strokeText(text, m, y); g.fillText(text, m, y); };
+    g.font = "700 38px system-ui, sans-serif"; write(Number.isFinite(this.measured) ? `${(this.measured * 180 / Math.PI).toFixed(1)}°` : "–", m - 40);
+    g.font = "700 28px system-ui, sans-serif"; write(`${Number.isFinite(this.torque) ? this.torque.toFixed(2) : "–"} N·m`, m + 80);
   }
 }

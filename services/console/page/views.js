@@ -77,7 +77,7 @@ class SuspensionView {
     const ca = Math.cos(this.azimuth), sa = Math.sin(this.azimuth), ce = Math.cos(this.elevation), se = Math.sin(this.elevation);
     const project = (p) => {
       const x = p[0] * ca - p[1] * sa, y = p[0] * sa + p[1] * ca, z = p[2] - 0.05;
-      const depth = 3.4 - (x * ce - z * se), scale = 1.02 * w / depth;
+      const depth = 3.4 - (x * ce - z * se), scale = 1.6 * w / depth;
       return [w / 2 - y * scale, h / 2 + 10 - (x * se + z * ce) * scale];
     };
     const line = (a, b, colour, width) => {
@@ -115,7 +115,7 @@ class SuspensionView {
         g.stroke();
       }
       if (known) {
-        // 1 m of arrow is 6 kN at the wheel, 8 kN at the rod. Tension pulls the knuckle towards the rack.
+        // 1 m of arrow is 4 kN at the rod, 6 kN along and across at the tyre, 12 kN of wheel load. Tension pulls the knuckle towards the rack.
         const patch = moved(side.contact_patch), rod = sub(inner[i], ball);
         arrow(patch, times(1 / 6000, [pose.tyre[i][0], pose.tyre[i][1], 0]), "#c8501e");
         arrow(patch, times(1 / 12000, [0, 0, pose.tyre[i][2]]), "#8a3ea8");
@@ -123,7 +123,7 @@ class SuspensionView {
       }
     });
     g.fillStyle = "#5b6875"; g.font = "13px system-ui, sans-serif"; g.textAlign = "left";
-    g.fillText("red: tie-rod force on the knuckle (4 kN/m)   orange: tyre force (6 kN/m)   violet: wheel load (12 kN/m)", 8, h - 8);
+    g.fillText("arrows: red tie rod 4 kN/m, orange tyre 6 kN/m, violet wheel load 12 kN/m", 8, h - 8);
   }
 }
 

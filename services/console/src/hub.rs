@@ -33,6 +33,8 @@ pub(crate) struct Hub {
     live: Mutex<Option<Arc<Live>>>,
     started: Mutex<Option<Started>>,
     logs: Mutex<Vec<(String, Log)>>,
+    /// What became of runs started here, and how often there was such news.
+    news: Mutex<(u64, String)>,
 }
 
 struct Started {
@@ -69,6 +71,7 @@ impl Hub {
             live: Mutex::new(None),
             started: Mutex::new(None),
             logs: Mutex::new(Vec::new()),
+            news: Mutex::new((0, String::new())),
         }
     }
 
@@ -137,8 +140,19 @@ impl Hub {
         Ok(name)
     }
 
+    /// The newest news, if it is newer than what somebody has seen.
+    pub(crate) fn news(&self, seen: &mut u64) -> Option<String> {
+        let mut news = locked(&self.news);
+        if let Some(text) = self.ended() {
+            *news = (news.0 + 1, text);
+        }
+        let newer = news.0 > *seen;
+        *seen = news.0;
+        newer.then(|| news.1.clone())
+    }
+
     /// What became of the run this console started: `None` while it runs or if there is none.
-    pub(crate) fn ended(&self) -> Option<String> {
+    fn ended(&self) -> Option<String> {
         let mut started = locked(&self.started);
         let run = started.as_mut()?;
         let status = run.child.try_wait().ok()??;

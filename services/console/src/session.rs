@@ -46,6 +46,7 @@ struct Session {
     watch: Watch,
     replay: Option<Replay>,
     at: Instant,
+    seen: u64,
 }
 
 /// Counts the client while it is there.
@@ -62,7 +63,9 @@ pub(crate) async fn serve(hub: Arc<Hub>, mut socket: WebSocket) {
     hub.clients.fetch_add(1, Ordering::Relaxed);
     let _counted = Counted(Arc::clone(&hub));
     let watch = Watch { traces: Vec::new(), latest: Vec::new(), points_hz: 100.0, sent: None, run_id: 0 };
-    let mut session = Session { hub, may_write: false, watch, replay: None, at: Instant::now() };
+    let mut seen = 0;
+    hub.news(&mut seen);
+    let mut session = Session { hub, may_write: false, watch, replay: None, at: Instant::now(), seen };
     let mut beat = beat_of(20.0);
     let mut allowance = 0.0_f64;
     let mut listened = Instant::now();
@@ -154,7 +157,7 @@ impl Session {
         let now = Instant::now();
         let elapsed = (now - self.at).as_secs_f64();
         self.at = now;
-        let note = self.hub.ended();
+        let note = self.hub.news(&mut self.seen);
         if let Some(replay) = &mut self.replay {
             replay.advance(elapsed);
             let (tick, period) = (replay.tick(), replay.period_s());

@@ -34,23 +34,18 @@ impl Live {
                 (region.logged() && fits).then_some(reader)
             })
             .collect();
-        readers[RegionId::RigStatus as usize].as_ref()?;
-        let manifest = Manifest::read(&bench.directory()).ok();
-        let mut cores = Vec::new();
-        let about = match &manifest {
-            Some(manifest) => {
-                let scenario = &manifest.resolved.scenario;
-                let on = &scenario.realtime.cores;
-                cores = [on.rig, on.vehicle, on.multibody].into_iter().flatten().collect();
-                json!({
-                    "scenario": scenario.name, "description": scenario.description,
-                    "duration_s": scenario.duration_s, "lockstep": manifest.drive == Drive::Lockstep,
-                    "directory": manifest.directory, "geometry": manifest.resolved.front_axle.geometry,
-                    "wheelbase_m": manifest.resolved.car.body.wheelbase_m,
-                })
-            }
-            None => Value::Null,
-        };
+        // A table that is still being made, or is another version's, is none yet.
+        let whole = ALL.iter().zip(&readers).all(|(id, reader)| reader.is_some() || !id.region().logged());
+        let manifest = Manifest::read(&bench.directory()).ok().filter(|m| whole && m.run_id == run_id)?;
+        let scenario = &manifest.resolved.scenario;
+        let on = &scenario.realtime.cores;
+        let cores = [on.rig, on.vehicle, on.multibody].into_iter().flatten().collect();
+        let about = json!({
+            "scenario": scenario.name, "description": scenario.description,
+            "duration_s": scenario.duration_s, "lockstep": manifest.drive == Drive::Lockstep,
+            "geometry": manifest.resolved.front_axle.geometry,
+            "wheelbase_m": manifest.resolved.car.body.wheelbase_m,
+        });
         Some(Live { readers, run_id, period_s: period_ns as f64 * 1e-9, about, cores })
     }
 

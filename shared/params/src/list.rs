@@ -197,7 +197,7 @@ parameters! {
     /// Scale of the tie-rod forces asked of the rig
     TieRodForceScale "suspension.tie_rod_force_scale" "1" number 0.0..=1.2 Steady Multibody |_| 1.0;
     /// Who turns the hand wheel: the manoeuvre, or a human by angle or by torque
-    HumanMode "human.mode" "1" ["off" "angle" "torque"] 0.0..=2.0 Steady Rig |_| 0.0;
+    HumanMode "human.mode" "1" ["off" "angle" "torque"] 0.0..=2.0 Any Rig |_| 0.0;
     /// Hand-wheel angle the human asks for, left positive
     HumanAngle "human.steering_wheel_angle_rad" "rad" number -10.0..=10.0 Any Rig |_| 0.0;
     /// Hand-wheel torque the human asks for, left positive

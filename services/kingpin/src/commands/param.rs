@@ -15,7 +15,7 @@ use table::{Bench, RegionReader};
 /// How long the supervisor may take to answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How long the services may take to say that they have taken a change over.
-const ECHO: Duration = Duration::from_secs(1);
+const ECHO: Duration = Duration::from_secs(3);
 
 /// Arguments of `param`.
 #[derive(Debug, Args)]
