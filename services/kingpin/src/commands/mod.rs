@@ -7,6 +7,7 @@ mod model;
 mod procedure;
 pub mod monitor;
 pub mod param;
+mod procedure;
 mod run;
 mod service;
 mod summary;

@@ -401,6 +401,7 @@ fn perform(
         mode: if args.real_time { Mode::Paced } else { Mode::LockstepProcess },
         restart_delay_ns: 0,
         versions: BTreeMap::from([("kingpin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        operated: false,
     };
     let interrupt = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
