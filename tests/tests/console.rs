@@ -467,17 +467,17 @@ fn the_page_in_a_real_browser() {
     page.click("#steer-take");
     page.until("the wheel", "window.kingpin.steer.on");
     let yaw = page.run(&format!("return {}", value("vehicle_state.yaw_rad"))).as_f64().unwrap();
-    page.hold_key("\u{e012}", Duration::from_millis(700));
+    page.hold_key("\u{e012}", Duration::from_millis(1500));
     page.until(
         "the hand wheel to follow",
         &format!(
-            "{} > 0.2 || {} > {yaw} + 0.05",
+            "{} > 0.2 || {} > {yaw} + 0.01",
             value("rig_measurement.steering_wheel_angle_rad"),
             value("vehicle_state.yaw_rad")
         ),
     );
     page.picture(&pictures.join("5-steer.png"));
-    page.until("the car to turn left", &format!("{} > {yaw} + 0.05", value("vehicle_state.yaw_rad")));
+    page.until("the car to turn left", &format!("{} > {yaw} + 0.01", value("vehicle_state.yaw_rad")));
     page.click("#steer-take");
 
     // Trip, acknowledge, ready again.

@@ -198,6 +198,8 @@ function tripText() {
   const code = now[RS + "trip_code"];
   if (!code) return null;
   const [name, unit] = trips[code] || [`code ${code}`, ""], n = (v) => (v === null || v === undefined ? "" : shortNumber(v));
+  // Some causes have no number.
+  if (!unit) return `${name} at tick ${now[RS + "trip_tick"]}`;
   return `${name}: ${n(now[RS + "trip_value"])} ${unit}, limit ${n(now[RS + "trip_limit"])} ${unit}, at tick ${now[RS + "trip_tick"]}`;
 }
 function drawRun(pressed) {
