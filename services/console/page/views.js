@@ -77,8 +77,8 @@ class SuspensionView {
     const ca = Math.cos(this.azimuth), sa = Math.sin(this.azimuth), ce = Math.cos(this.elevation), se = Math.sin(this.elevation);
     const project = (p) => {
       const x = p[0] * ca - p[1] * sa, y = p[0] * sa + p[1] * ca, z = p[2] - 0.05;
-      const depth = 3.4 - (x * ce - z * se), scale = 1.6 * w / depth;
-      return [w / 2 - y * scale, h / 2 + 10 - (x * se + z * ce) * scale];
+      const depth = 3.4 - (x * ce - z * se), scale = 1.3 * w / depth;
+      return [w / 2 - y * scale, h / 2 - (x * se + z * ce) * scale];
     };
     const line = (a, b, colour, width) => {
       const p = project(a), q = project(b);
