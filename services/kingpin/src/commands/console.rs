@@ -3,7 +3,7 @@
 use crate::exit::Exit;
 use crate::output;
 use clap::Args;
-use console::{Console, ConsoleError, Options, Token};
+use console_service::{Console, ConsoleError, Options, Token};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
