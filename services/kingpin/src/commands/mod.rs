@@ -4,7 +4,6 @@ mod configuration;
 pub mod console;
 mod log;
 mod model;
-mod procedure;
 pub mod monitor;
 pub mod param;
 mod procedure;
