@@ -2,4 +2,6 @@
 //!
 //! What several of them need stands in [`support`].
 
+pub mod browser;
+pub mod socket;
 pub mod support;

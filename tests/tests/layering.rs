@@ -10,6 +10,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("config", &[]),
     ("regions", &[]),
     ("table", &[]),
+    ("params", &["config", "regions"]),
+    ("operator_link", &["params", "table"]),
     ("spatial", &[]),
     ("metrics", &[]),
     ("road", &["config"]),
@@ -29,6 +31,7 @@ const LAYERS: &[(&str, &[&str])] = &[
             "can",
             "config",
             "regions",
+            "params",
             "table",
             "runtime",
             "spatial",
@@ -49,8 +52,15 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("multibody_service", &["assembly", "table"]),
     ("rig_service", &["assembly", "table"]),
     ("can_service", &["assembly", "can", "runtime", "table"]),
-    ("logger", &["assembly", "record", "regions", "runtime", "table"]),
-    ("supervisor", &["assembly", "config", "logger", "record", "regions", "runtime", "table"]),
+    ("logger", &["assembly", "params", "record", "regions", "runtime", "table"]),
+    (
+        "console",
+        &["assembly", "config", "operator_link", "params", "record", "regions", "report", "safety", "table"],
+    ),
+    (
+        "supervisor",
+        &["assembly", "config", "logger", "operator_link", "params", "record", "regions", "runtime", "table"],
+    ),
 ];
 
 /// May depend on everything.

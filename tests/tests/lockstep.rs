@@ -27,7 +27,9 @@ struct Bench {
     table: Table,
     chain: Chain,
     bench: RegionWriter,
+    parameters: RegionWriter,
     plan: RunPlan,
+    schedule: params::Schedule,
 }
 
 fn bench(resolved: &ResolvedBench) -> Bench {
@@ -39,19 +41,25 @@ fn bench(resolved: &ResolvedBench) -> Bench {
     let chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
     let bench = table.claim_writer(RegionId::Bench as usize).unwrap();
     let plan = RunPlan::new(resolved.scenario.ticks(), period_s, resolved.rig.limits.stop_fade_s);
-    Bench { table, chain, bench, plan }
+    let parameters = table.claim_writer(RegionId::Parameters as usize).unwrap();
+    let schedule = params::Schedule::new(resolved).unwrap();
+    Bench { table, chain, bench, parameters, plan, schedule }
 }
 
 impl Bench {
     fn tick(&mut self, n: u64) {
         self.bench.write(n, self.plan.at(n).words()).unwrap();
+        self.parameters.write(n, supervisor::parameters_at(&self.schedule, n).words()).unwrap();
         self.chain.tick(n).unwrap();
     }
 }
 
 #[test]
 fn the_tick_of_the_whole_bench_does_not_allocate() {
-    let mut bench = bench(&resolved("growing_slalom_80", &["duration_s=6.0"]));
+    // A change of parameters on the way: taking it over must not allocate either.
+    let change = r#"parameters=[{type="set", at_s=-1.0, path="control.force.bandwidth_rad_s", value=110},
+        {type="set", at_s=-1.0, path="unit.rack_friction_n", value=120}]"#;
+    let mut bench = bench(&resolved("growing_slalom_80", &["duration_s=6.0", change]));
     for n in 0..1500 {
         bench.tick(n);
     }
@@ -77,7 +85,7 @@ fn a_restart_from_the_checkpoints_continues_bit_exactly() {
         broken.tick(n);
     }
     // The rig stays; its table and bench region too.
-    let Bench { table, chain, bench: bench_writer, plan } = broken;
+    let Bench { table, chain, bench: bench_writer, parameters, plan, schedule } = broken;
     let mut models = chain.into_models();
     drop(models.split_off(1));
     for kind in [ServiceKind::Vehicle, ServiceKind::Multibody] {
@@ -86,7 +94,7 @@ fn a_restart_from_the_checkpoints_continues_bit_exactly() {
         models.push(bound);
     }
     let chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
-    let mut broken = Bench { table, chain, bench: bench_writer, plan };
+    let mut broken = Bench { table, chain, bench: bench_writer, parameters, plan, schedule };
     for n in 4200..5500 {
         whole.tick(n);
         broken.tick(n);

@@ -13,6 +13,7 @@ pub mod car;
 pub mod check;
 pub mod equations;
 pub mod library;
+pub mod live;
 pub mod load;
 pub mod model;
 pub mod number_table;

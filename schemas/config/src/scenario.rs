@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::can::CanRun;
 pub use crate::equations::Equations;
+pub use crate::live::ParameterChange;
 pub use crate::road::{Crosswind, Friction, FrictionPatch, Outside, Road, Surface};
 pub use crate::steer::{
     DriverPath, Frequencies, GrowingSine, LaneChange, Parking, PathFollowing, Ramp, RandomSteer,
@@ -75,6 +76,8 @@ pub struct Scenario {
     pub can: Option<CanRun>,
     /// Measured signals to lay over the results.
     pub compare: Option<Vec<Compare>>,
+    /// Changes of live parameters during the run, in order of time.
+    pub parameters: Option<Vec<ParameterChange>>,
 }
 
 /// The beat of the bench.
@@ -355,6 +358,10 @@ impl Check for Scenario {
         }
         if let Some(can) = &self.can {
             c.within("can", |c| can.check(c));
+        }
+        if let Some(changes) = &self.parameters {
+            let in_order = changes.windows(2).all(|pair| pair[0].at_s() <= pair[1].at_s());
+            c.require(in_order, "parameters", "must be in order of at_s");
         }
         c.within("road", |c| self.road.check(c));
         if let Some(equations) = &self.equations {

@@ -58,7 +58,7 @@ regions! {
     "vehicle_state" VehicleState "vehicle" VehicleState true Seconds;
     "suspension_state" SuspensionState "multibody" SuspensionState true Seconds;
     "rig_status" RigStatus "rig" RigStatus true Seconds;
-    "parameters" Parameters "supervisor" Parameters false Ticks(64);
+    "parameters" Parameters "supervisor" Parameters true Seconds;
     "rig_timing" RigTiming "rig" Timing false Seconds;
     "vehicle_timing" VehicleTiming "vehicle" Timing false Seconds;
     "multibody_timing" MultibodyTiming "multibody" Timing false Seconds;

@@ -22,6 +22,8 @@ payload! {
         emergency_stop: u64 One "1",
         /// First tick that is no longer part of the run, u64::MAX while that is open.
         end_tick: u64 One "1",
+        /// Tick at which the manoeuvre's clock starts, u64::MAX until the operator starts it.
+        manoeuvre_start_tick: u64 One "1",
         /// 1 for each service that is alive.
         alive: u64 Service "1",
         /// Restarts of each service since the run began.
@@ -78,6 +80,8 @@ payload! {
         used_rig_measurement: u64 One "1",
         /// Inputs held, late or refused since the start.
         held_count: u64 One "1",
+        /// Version of the live parameters this tick was stepped with, 0 before any were read.
+        parameters_version: u64 One "1",
         /// 1 while the manoeuvre steers.
         manoeuvre_active: u64 One "1",
         /// Who turns the hand wheel: 0 nobody (hands off, or a human at the rig), 1 the steer actuator to the angle.
@@ -166,6 +170,8 @@ payload! {
         used_vehicle_state: u64 One "1",
         /// Inputs held, late or refused since the start.
         held_count: u64 One "1",
+        /// Version of the live parameters this tick was stepped with, 0 before any were read.
+        parameters_version: u64 One "1",
         /// Solver status: 0 converged, else the code of what held the last pose.
         solver_status: u64 One "1",
         /// Newton iterations.
@@ -226,6 +232,8 @@ payload! {
         used_vehicle_state: u64 One "1",
         /// Tick of the bench request seen.
         used_bench: u64 One "1",
+        /// Version of the live parameters this tick was stepped with, 0 before any were read.
+        parameters_version: u64 One "1",
         /// Bench state: 0 off, 1 idle, 2 armed, 3 starting, 4 running, 5 holding, 6 resuming, 7 stopping, 8 tripped.
         state: u64 One "1",
         /// Trip code, 0 none.

@@ -62,6 +62,14 @@ pub enum Command {
     Attach(AttachArgs),
     /// Save the last four seconds out of the table of a crashed (or running) bench
     Blackbox(BlackboxArgs),
+    /// Live parameters of a running bench: list, get, set, undo, snapshot, diff
+    Param(crate::commands::param::ParamArgs),
+    /// Arm, start, stop, acknowledge a run that was started with --operate; emergency stop
+    Operate(crate::commands::param::OperateArgs),
+    /// The operator's page in a browser: live, or on a log
+    Console(crate::commands::console::ConsoleArgs),
+    /// The essentials of a running bench in a terminal
+    Monitor(crate::commands::monitor::MonitorArgs),
     /// Remove what crashed benches left in shared memory
     Clean(CleanArgs),
     /// Print a completion script for a shell
@@ -100,6 +108,15 @@ pub struct RunArgs {
     /// Name of the bench; benches of different names run side by side
     #[arg(long, default_value = "bench", value_name = "NAME")]
     pub name: String,
+    /// Leave arming, starting, stopping and acknowledging to an operator (`kingpin operate`, console)
+    #[arg(long)]
+    pub operate: bool,
+    /// With the operator's page beside it, while it runs
+    #[arg(long)]
+    pub console: bool,
+    /// Port of the page; 0 is a free one
+    #[arg(long, default_value_t = 8470, value_name = "PORT")]
+    pub console_port: u16,
     /// Print the summary as JSON on standard output
     #[arg(long)]
     pub json: bool,

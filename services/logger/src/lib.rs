@@ -14,7 +14,7 @@ mod service;
 pub use files::{Files, MakeLog};
 pub use service::{create_header, create_log, serve};
 
-use regions::{ALL, Bench, LoggerStatus, NO_TICK, Payload, RegionId, RigStatus};
+use regions::{ALL, Bench, LoggerStatus, NO_TICK, Parameters, Payload, RegionId, RigStatus};
 use runtime::clock::{self, Nanos};
 use table::{Read, RegionReader, RegionWriter, Table, TableError};
 
@@ -28,6 +28,9 @@ const ORPHAN_NS: Nanos = 15 * clock::SECOND;
 
 /// Most ticks of one region read in one go, so that no region falls behind the others.
 const BATCH: u64 = 256;
+
+/// Parameters that change many times a second: they are in the region, not among the events.
+const STEERED: &str = "human.steering";
 
 /// Regions that are written every tick: what the log's completeness is judged by.
 const DENSE: [RegionId; 4] =
@@ -49,6 +52,8 @@ struct Watch {
     late_commands: u64,
     restarts: [u64; 4],
     lost: u64,
+    requests: u64,
+    parameters: Option<Parameters>,
 }
 
 /// A logger at work.
@@ -240,10 +245,31 @@ fn observe(watch: &mut Watch, end_tick: &mut u64, log: &mut Files, id: RegionId,
             let mut bench = Bench::absent();
             bench.words_mut().copy_from_slice(words);
             *end_tick = bench.end_tick;
+            if bench.request_count != watch.requests {
+                watch.requests = bench.request_count;
+                let asked = ["none", "arm", "start", "stop", "acknowledge", "off"];
+                log.event(n, "request", *asked.get(bench.request as usize).unwrap_or(&"unknown"));
+            }
             for (service, (&now, before)) in bench.restarts.iter().zip(&mut watch.restarts).enumerate() {
                 if now > *before {
                     *before = now;
                     log.event(n, "service_restarted", regions::Axis::Service.label(service));
+                }
+            }
+        }
+        RegionId::Parameters => {
+            let mut now = Parameters::absent();
+            now.words_mut().copy_from_slice(words);
+            // The first are the configuration's own.
+            let before = watch.parameters.replace(now).unwrap_or(now);
+            if now.version != before.version {
+                let changed = params::difference(&before.value, &now.value);
+                for (path, from, to) in changed.into_iter().filter(|(path, ..)| !path.starts_with(STEERED)) {
+                    log.event(
+                        n,
+                        "parameter",
+                        serde_json::json!({"path": path, "from": from, "to": to, "version": now.version}),
+                    );
                 }
             }
         }

@@ -65,6 +65,8 @@ pub(crate) fn run(
         Driver::Plain(Chain::new(models, order))
     };
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(RunError::Table)?;
+    let schedule = params::Schedule::new(&run.resolved).map_err(RunError::Parameters)?;
+    let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(RunError::Table)?;
     let mut operator = Operator::new(run.plan(), period_s, run.rearm);
     let mut watchers = Watchers::new(&table);
 
@@ -107,6 +109,7 @@ pub(crate) fn run(
             };
             // Sole writer of the region, in order: cannot be refused.
             let _ = bench.write(n, words.words());
+            let _ = parameters.write(n, crate::live::at(&schedule, n).words());
             if let Err(error) = driver.tick(n) {
                 ran = Err(error);
                 abandoned.store(true, Ordering::Relaxed);

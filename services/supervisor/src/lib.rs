@@ -8,12 +8,15 @@
 
 mod chain;
 mod children;
+mod desk;
 pub mod fault;
+mod live;
 mod operator;
 mod plan;
 mod set;
 
 pub use children::{Change, Children, DEATHS_MAX, SERVICES, YOUNG_MAX, YOUNG_NS};
+pub use live::at as parameters_at;
 pub use operator::Operator;
 pub use plan::{RunPlan, request};
 pub use set::BELOW_SERVICES;
@@ -61,6 +64,8 @@ pub struct Run {
     pub fault_plan: Vec<fault::PlannedFault>,
     /// Versions for the log's header.
     pub versions: BTreeMap<String, String>,
+    /// Arming, starting, stopping and acknowledging are left to an operator (paced runs).
+    pub operated: bool,
 }
 
 /// A bench to be taken over from a dead supervisor.
@@ -148,6 +153,8 @@ pub enum RunError {
     Tick(TickError),
     /// A service in this process.
     Service(ServiceError),
+    /// The scenario's changes of live parameters.
+    Parameters(Vec<params::Refusal>),
 }
 
 impl std::fmt::Display for RunError {
@@ -174,6 +181,10 @@ impl std::fmt::Display for RunError {
             }
             RunError::Tick(e) => write!(f, "{e}"),
             RunError::Service(e) => write!(f, "{e}"),
+            RunError::Parameters(refused) => {
+                let lines: Vec<_> = refused.iter().map(|r| format!("scenario: {r}")).collect();
+                f.write_str(&lines.join("\n"))
+            }
         }
     }
 }
@@ -224,6 +235,8 @@ impl Run {
             rearm: attach.rearm,
             faults: manifest.faults,
             fault_plan: Vec::new(),
+            // Whether an operator starts it stands in the table, not in the manifest.
+            operated: false,
             versions: manifest.versions.clone(),
         }
     }

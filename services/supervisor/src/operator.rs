@@ -47,7 +47,9 @@ impl Operator {
     pub fn resume(&mut self, last: &Bench) {
         (self.request, self.count) = (last.request, last.request_count);
         self.ran = true;
-        self.planned = if last.request == request::STOP { request::STOP } else { request::START };
+        // Nothing is planned for an operated run.
+        let planned = if self.plan.start == u64::MAX { request::NONE } else { request::START };
+        self.planned = if last.request == request::STOP { request::STOP } else { planned };
         if last.end_tick != regions::NO_TICK {
             self.plan.stop = self.plan.stop.min(last.tick);
             self.plan.end = last.end_tick;

@@ -41,6 +41,24 @@ impl RunPlan {
         RunPlan { arm: ticks_in(0.05), start: ticks_in(0.1), stop: ticks, end: ticks + tail, tail }
     }
 
+    /// A run that waits for its operator: nothing is asked for until [`RunPlan::run_from`].
+    pub fn operated(mut self) -> Self {
+        (self.arm, self.start) = (u64::MAX, u64::MAX);
+        self.never_stop();
+        self
+    }
+
+    /// The operator started at `n`: the run stops by itself `ticks` later.
+    pub fn run_from(&mut self, n: u64, ticks: u64) {
+        self.stop = n + ticks;
+        self.end = self.stop + self.tail;
+    }
+
+    /// The operator stopped, or the bench tripped: it goes on until somebody ends it.
+    pub fn never_stop(&mut self) {
+        (self.stop, self.end) = (u64::MAX, u64::MAX);
+    }
+
     /// Ends the run early: stop at `n`, end when the soft stop is over.
     pub fn stop_at(&mut self, n: u64) {
         if n < self.stop {
@@ -54,6 +72,7 @@ impl RunPlan {
         let mut bench = Bench::absent();
         bench.tick = n;
         bench.end_tick = if n >= self.stop { self.end } else { NO_TICK };
+        bench.manoeuvre_start_tick = 0;
         let asked = [(self.arm, request::ARM), (self.start, request::START), (self.stop, request::STOP)];
         for (when, what) in asked {
             if n >= when {

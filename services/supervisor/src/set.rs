@@ -2,6 +2,7 @@
 //! bench whose supervisor died.
 
 use crate::children::Change;
+use crate::desk::Desk;
 use crate::{Attach, Children, Observer, Operator, Outcome, Run, RunError, Watchers};
 use assembly::manifest::{Drive, Manifest};
 use regions::{ALL, Bench as BenchRegion, Payload, RegionId, Timing};
@@ -35,6 +36,7 @@ impl Drop for Cleaner<'_> {
             children.kill();
         }
         let _ = table::remove_bench(self.lock);
+        operator_link::remove_left_over(self.lock);
         Manifest::remove(&self.lock.bench().directory());
     }
 }
@@ -48,6 +50,7 @@ pub(crate) fn run(
     let lock = run.bench.lock().map_err(RunError::Table)?;
     // Under the lock there is no other supervisor: what lies there is left over from a crash.
     clear_left_overs(&lock, observer)?;
+    operator_link::remove_left_over(&lock);
     let scenario = &run.resolved.scenario;
     let period_s = scenario.timing.period_s();
     let period_ns = scenario.timing.period_ns();
@@ -80,22 +83,31 @@ pub(crate) fn run(
         observer.note(line);
     }
 
-    let mut operator = Operator::new(run.plan(), period_s, run.rearm);
+    let mut plan = run.plan();
+    if run.operated && drive == Drive::Paced {
+        plan = plan.operated();
+    }
+    let mut operator = Operator::new(plan, period_s, run.rearm);
     let mut watchers = Watchers::new(&table);
     let begin = clock::now();
     let mut supervision =
         Supervision { operator: &mut operator, bench: &mut bench, rearm: run.rearm, observer, interrupt };
     let (interrupted, given_up) = match drive {
         Drive::Paced => {
-            supervision.publish(0, children, &watchers);
+            let mut note = |line: &str| supervision.observer.note(line);
+            let mut desk = Desk::new(&table, &run.bench, &run.resolved, run.operated, &mut note)?;
+            desk.publish(0);
+            supervision.publish(0, children, &watchers, &desk);
             let t0 = clock::now() + START_IN_NS;
             table.set_t0(t0).map_err(RunError::Table)?;
-            supervision.paced(children, &mut watchers, Grid { t0, period: period_ns })
+            supervision.paced(children, &mut watchers, Grid { t0, period: period_ns }, &mut desk)
         }
         Drive::Lockstep => {
+            let schedule = params::Schedule::new(&run.resolved).map_err(RunError::Parameters)?;
+            let parameters = table.claim_writer(RegionId::Parameters as usize).map_err(RunError::Table)?;
             table.set_t0(1).map_err(RunError::Table)?;
             let credit = specs[RegionId::RigStatus as usize].depth as u64 / 2;
-            supervision.lockstep(children, &mut watchers, credit)
+            supervision.lockstep(children, &mut watchers, credit, &schedule, parameters)
         }
     };
     let outcome = (interrupted, given_up, begin);
@@ -160,7 +172,16 @@ pub(crate) fn attach(
     let run = Run::of_manifest(attach, &manifest);
     raise(&run);
     let grid = Grid { t0, period: scenario.timing.period_ns() };
-    let mut operator = Operator::new(run.plan(), period_s, attach.rearm);
+    let mut plan = run.plan();
+    // Only an operated run's manoeuvre begins at another tick than the first.
+    let operated = spoken.is_some() && last.manoeuvre_start_tick != 0;
+    if operated {
+        plan = plan.operated();
+        if last.manoeuvre_start_tick != regions::NO_TICK {
+            plan.run_from(last.manoeuvre_start_tick, scenario.ticks());
+        }
+    }
+    let mut operator = Operator::new(plan, period_s, attach.rearm);
     if spoken.is_some() {
         operator.resume(&last);
     }
@@ -189,7 +210,10 @@ pub(crate) fn attach(
     let rearm = attach.rearm;
     let mut supervision =
         Supervision { operator: &mut operator, bench: &mut bench, rearm, observer, interrupt };
-    let (interrupted, given_up) = supervision.paced(children, &mut watchers, grid);
+    operator_link::remove_left_over(&lock);
+    let mut note = |line: &str| supervision.observer.note(line);
+    let mut desk = Desk::new(&table, &attach.bench, &manifest.resolved, operated, &mut note)?;
+    let (interrupted, given_up) = supervision.paced(children, &mut watchers, grid, &mut desk);
     let outcome = end(children, &mut watchers, observer, period_s, (interrupted, given_up, begin));
     Ok((run, outcome))
 }
@@ -274,9 +298,10 @@ struct Supervision<'a> {
 }
 
 impl Supervision<'_> {
-    fn publish(&mut self, n: u64, children: &Children, watchers: &Watchers) {
+    fn publish(&mut self, n: u64, children: &Children, watchers: &Watchers, desk: &Desk) {
         if n >= self.bench.head() {
             let mut words = self.operator.step(n, &watchers.status);
+            desk.dress(&mut words);
             words.alive = children.alive();
             words.restarts = children.restarts();
             // Sole writer, and `n` is not yet published.
@@ -302,6 +327,7 @@ impl Supervision<'_> {
         children: &mut Children,
         watchers: &mut Watchers,
         grid: Grid,
+        desk: &mut Desk,
     ) -> (bool, Option<String>) {
         let (mut interrupted, mut given_up) = (false, None);
         loop {
@@ -310,7 +336,7 @@ impl Supervision<'_> {
             if n >= self.operator.plan.end {
                 // The last word on the end must be there for whoever restarts now.
                 let end = self.operator.plan.end.max(self.bench.head());
-                self.publish(end, children, watchers);
+                self.publish(end, children, watchers, desk);
                 return (interrupted, given_up);
             }
             if given_up.is_none() {
@@ -324,12 +350,16 @@ impl Supervision<'_> {
                 interrupted = true;
                 self.operator.plan.stop_at(n);
             }
-            if watchers.status.state == TRIPPED && !self.rearm {
+            if watchers.status.state == TRIPPED && !self.rearm && !desk.operated() {
                 // Latched: nothing more to be had from this run but the record of how it got there.
                 self.operator.plan.stop_at(n);
             }
-            self.publish(n, children, watchers);
-            self.observer.progress(n, self.operator.plan.end, &watchers.status);
+            let mut note = |line: &str| self.observer.note(line);
+            desk.look(n, clock::now(), watchers.status.state, &mut self.operator.plan, &mut note);
+            self.publish(n, children, watchers, desk);
+            // Without an end in sight the bar is always full.
+            let end = if self.operator.plan.end == u64::MAX { n } else { self.operator.plan.end };
+            self.observer.progress(n, end, &watchers.status);
         }
     }
 
@@ -338,6 +368,8 @@ impl Supervision<'_> {
         children: &mut Children,
         watchers: &mut Watchers,
         credit: u64,
+        schedule: &params::Schedule,
+        mut parameters: RegionWriter,
     ) -> (bool, Option<String>) {
         let mut interrupted = false;
         loop {
@@ -353,9 +385,11 @@ impl Supervision<'_> {
                 let mut words = self.operator.plan.at(tick);
                 words.alive = children.alive();
                 let _ = self.bench.write(tick, words.words());
+                let _ = parameters.write(tick, crate::live::at(schedule, tick).words());
             }
             if until > n {
                 self.bench.ring();
+                parameters.ring();
             }
             let end = self.operator.plan.end;
             self.observer.progress(watchers.rig.head(), end, &watchers.status);

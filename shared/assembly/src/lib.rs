@@ -11,6 +11,7 @@ mod driveline;
 mod guard;
 pub mod identification;
 mod kinematics;
+mod live;
 pub mod manifest;
 mod multibody_node;
 mod rig_node;

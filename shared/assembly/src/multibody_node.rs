@@ -2,18 +2,21 @@
 
 use crate::AssemblyError;
 use crate::guard::{Guard, Verdict};
+use crate::live::Live;
 use config::ResolvedBench;
 use multibody::{Status, Suspension, SuspensionInput, SuspensionOutput};
 use nalgebra::Vector3;
+use params::{Id, value};
 use regions::{
-    MultibodyCheckpoint, NO_TICK, Payload, RegionId, RigMeasurement, SuspensionState, VehicleState,
-    model_flags,
+    MultibodyCheckpoint, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, SuspensionState,
+    VehicleState, model_flags,
 };
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 
 const READS: &[InputSpec] = &[
     InputSpec { region: RegionId::RigMeasurement, when: When::SameTick },
     InputSpec { region: RegionId::VehicleState, when: When::SameTick },
+    InputSpec { region: RegionId::Parameters, when: When::Latest },
 ];
 const NODES: &[NodeSpec] = &[NodeSpec {
     name: "multibody",
@@ -38,6 +41,8 @@ pub struct MultibodyNode {
     vehicle_guard: Guard,
     used: [u64; 2],
     restored: bool,
+    live: Live,
+    force_scale: f64,
     last: SuspensionState,
 }
 
@@ -74,6 +79,8 @@ impl MultibodyNode {
             vehicle_guard: Guard::new(limit),
             used: [NO_TICK; 2],
             restored: false,
+            live: Live::default(),
+            force_scale: 1.0,
             last,
         })
     }
@@ -91,6 +98,10 @@ impl Model for MultibodyNode {
     fn step(&mut self, _: usize, step: &Step, inputs: &Inputs, output: &mut [u64]) {
         let (measured, rig_input) = inputs.get::<RigMeasurement>(0);
         let (car, car_input) = inputs.get::<VehicleState>(1);
+        let (parameters, parameters_input) = inputs.get::<Parameters>(2);
+        if let Some(values) = self.live.news(parameters, parameters_input) {
+            self.force_scale = value(values, Id::TieRodForceScale);
+        }
         let mut flags = 0;
 
         let rack = measured.rack_displacement_m;
@@ -125,6 +136,7 @@ impl Model for MultibodyNode {
                 flags |= model_flags::HELD_POSE;
             }
             fill(state, &self.output, &self.ball_design_m);
+            state.tie_rod_force_n = state.tie_rod_force_n.map(|force| self.force_scale * force);
             state.rack_displacement_m = self.input.rack_m;
             // Compared where both speak of the same tick; a word that was refused is not one.
             for side in (0..2).filter(|_| vehicle == Verdict::Good) {
@@ -135,6 +147,7 @@ impl Model for MultibodyNode {
         state.tick = step.n;
         state.time_s = (step.n + 1) as f64 * self.period_s;
         state.flags = flags;
+        state.parameters_version = self.live.version();
         (state.used_rig_measurement, state.used_vehicle_state) = (self.used[0], self.used[1]);
         state.held_count = self.rig_guard.held_count() + self.vehicle_guard.held_count();
         output.copy_from_slice(state.words());

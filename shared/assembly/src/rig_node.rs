@@ -5,14 +5,15 @@
 //! output phases that were really executed; what follows from it is safety's.
 
 use crate::AssemblyError;
+use crate::live::{HumanSteer, Live, RigTuning, manoeuvre_time_s};
 use crate::wheel::Wheel;
 use config::rig::{Rig, SteerDevice};
 use config::{Broken, ResolvedBench};
 use functional_model::Model as FunctionalModel;
 use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{
-    Bench, Fault, NO_TICK, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState,
-    fault_kind, model_flags, rig_flags,
+    Bench, Fault, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState,
+    VehicleState, fault_kind, model_flags, rig_flags,
 };
 use rig_control::{ControlDiagnostics, RackEstimate, RigCommand, RigController, SteerCommand, SteerPreview};
 use rig_plant::{Actuation, Channel, ComposedUnit, Measurement, RigEnvironment, VirtualRig};
@@ -23,6 +24,7 @@ const READS: &[InputSpec] = &[
     InputSpec { region: RegionId::VehicleState, when: When::SameTick },
     InputSpec { region: RegionId::SuspensionState, when: When::SameTick },
     InputSpec { region: RegionId::Bench, when: When::Latest },
+    InputSpec { region: RegionId::Parameters, when: When::Latest },
 ];
 const NODES: &[NodeSpec] = &[
     NodeSpec {
@@ -78,6 +80,9 @@ pub struct RigNode {
     no_supervisor: bool,
     /// Orders of a fault campaign to the sensors, with the reading that a stuck one holds.
     sensor_faults: [Option<(Fault, f64)>; 4],
+    live: Live,
+    tuning: RigTuning,
+    human: HumanSteer,
     status: RigStatus,
 }
 
@@ -200,6 +205,9 @@ impl RigNode {
             request_pending: OperatorRequest::SwitchOn,
             no_supervisor: false,
             sensor_faults: [None; 4],
+            live: Live::default(),
+            tuning: RigTuning::new(resolved),
+            human: HumanSteer::default(),
             status,
         })
     }
@@ -300,6 +308,11 @@ impl RigNode {
         let (car, car_input) = inputs.get::<VehicleState>(0);
         let (suspension, input) = inputs.get::<SuspensionState>(1);
         let (bench, bench_input) = inputs.get::<Bench>(2);
+        let (parameters, parameters_input) = inputs.get::<Parameters>(3);
+        if let Some(values) = self.live.news(parameters, parameters_input) {
+            self.tuning.apply(values, &mut self.controller, &mut self.plant);
+            self.human.apply(values);
+        }
         let mut flags = rig_flags::VIRTUAL;
 
         self.look_at_bench(step, bench, bench_input.age(step.n), bench_input.fresh());
@@ -329,22 +342,28 @@ impl RigNode {
                     rate_rad_s: car.steering_wheel_rate_command_rad_s,
                 }
             };
-            let torque = self.measurement.steering_wheel_torque_n_m;
-            let human = self.wheel.as_mut().map(|wheel| wheel.step(step.n as f64 * self.period_s, torque));
-            let steer = match human {
-                None => steer,
+            let m = &self.measurement;
+            let (angle, torque) = (m.steering_wheel_angle_rad, m.steering_wheel_torque_n_m);
+            // A human at a wheel device, or at the operator's page: the device goes first.
+            let at_page = self.human.step(steer, angle, torque, self.period_s);
+            let at_device =
+                self.wheel.as_mut().map(|wheel| wheel.step(step.n as f64 * self.period_s, torque));
+            let human = at_device.is_some() || at_page.is_some();
+            let steer = match at_device {
+                None => at_page.unwrap_or(steer),
                 Some(Some((angle_rad, rate_rad_s))) => SteerCommand::Angle { angle_rad, rate_rad_s },
                 // The device is gone: hands off.
                 Some(None) => SteerCommand::Free,
             };
-            let ahead = self.manoeuvre.at(car.time_s + self.controller.preview_lead_s());
+            let late_s = manoeuvre_time_s(bench, bench_input, car.tick + 1, self.period_s);
+            let ahead = self.manoeuvre.at(late_s + self.controller.preview_lead_s());
             self.command = RigCommand {
                 tie_rod_force_n: suspension.tie_rod_force_n,
                 ball_height_m: suspension.ball_height_m,
                 ball_height_velocity_m_s: suspension.ball_height_speed_m_s,
                 steer,
                 preview: SteerPreview {
-                    valid: human.is_none() && ahead.hand_wheel == HandWheel::Commanded,
+                    valid: ahead.hand_wheel == HandWheel::Commanded && !human,
                     angle_rad: ahead.steering_wheel_angle_rad,
                     rate_rad_s: ahead.steering_wheel_rate_rad_s,
                 },
@@ -389,6 +408,7 @@ impl RigNode {
         status.flags = flags;
         (status.used_suspension_state, status.used_vehicle_state) = (self.used[0], self.used[1]);
         status.used_bench = self.used[2];
+        status.parameters_version = self.live.version();
         status.state = verdict.state as u64;
         if let Some(trip) = verdict.trip {
             (status.trip_code, status.trip_tick) = (trip.code as u64, trip.tick);

@@ -2,18 +2,27 @@
 
 use crate::driveline::ComposedDriveline;
 use crate::guard::{Guard, Verdict};
+use crate::live::{Live, manoeuvre_time_s};
 use crate::{AssemblyError, car};
 use config::ResolvedBench;
 use config::scenario::{Gear, Steer};
 use manoeuvre::path::{Observed, PathDriver};
 use manoeuvre::{HandWheel, Manoeuvre};
-use regions::{NO_TICK, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState, model_flags};
+use params::{Id, value};
+use regions::{
+    Bench, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState,
+    model_flags,
+};
 use road::{Place, Road};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 use std::path::Path;
 use vehicle::{AxleKinematics, GearMode, RoadContact, Vehicle, VehicleInput, VehicleOutput, WHEELS};
 
-const READS: &[InputSpec] = &[InputSpec { region: RegionId::RigMeasurement, when: When::SameTick }];
+const READS: &[InputSpec] = &[
+    InputSpec { region: RegionId::RigMeasurement, when: When::SameTick },
+    InputSpec { region: RegionId::Bench, when: When::Latest },
+    InputSpec { region: RegionId::Parameters, when: When::Latest },
+];
 const NODES: &[NodeSpec] = &[NodeSpec {
     name: "vehicle",
     reads: READS,
@@ -41,7 +50,16 @@ pub struct VehicleNode {
     rack_m: f64,
     used_tick: u64,
     restored: bool,
+    live: Live,
+    tuning: Tuning,
     last: VehicleState,
+}
+
+/// The vehicle's share of the live parameters.
+#[derive(Debug, Clone, Copy)]
+struct Tuning {
+    friction_scale: [f64; WHEELS],
+    speed_offset_m_s: f64,
 }
 
 impl VehicleNode {
@@ -85,6 +103,8 @@ impl VehicleNode {
             rack_m: 0.0,
             used_tick: NO_TICK,
             restored: false,
+            live: Live::default(),
+            tuning: Tuning { friction_scale: [1.0; WHEELS], speed_offset_m_s: 0.0 },
             last,
         };
         let input = node.input(0.0);
@@ -122,8 +142,11 @@ impl VehicleNode {
             let [x_m, y_m, _] = wheel.centre_position_m;
             Place { x_m, y_m, heading_rad: car.yaw_rad + wheel.steer_rad }
         });
-        let contacts = self.road.contacts(&places);
+        let mut contacts = self.road.contacts(&places);
         self.off_surface = contacts.iter().any(|contact| contact.outside);
+        for (contact, scale) in contacts.iter_mut().zip(self.tuning.friction_scale) {
+            contact.friction *= scale;
+        }
         VehicleInput {
             rack_displacement_m: Some(self.rack_m),
             steering_wheel_angle_rad: command.steering_wheel_angle_rad,
@@ -131,7 +154,10 @@ impl VehicleNode {
             brake_pressure_pa: command.pedals.map_or(0.0, |p| p.brake_pressure_pa),
             hand_brake: 0.0,
             gear_mode: self.gear,
-            target_speed_m_s: command.pedals.is_none().then_some(command.target_speed_m_s),
+            target_speed_m_s: command
+                .pedals
+                .is_none()
+                .then_some(command.target_speed_m_s + self.tuning.speed_offset_m_s),
             road: contacts.map(|c| RoadContact {
                 height_m: c.height_m,
                 slope_x: c.slope_x,
@@ -214,6 +240,15 @@ impl Model for VehicleNode {
 
     fn step(&mut self, _: usize, step: &Step, inputs: &Inputs, output: &mut [u64]) {
         let (measured, input) = inputs.get::<RigMeasurement>(0);
+        let (bench, bench_input) = inputs.get::<Bench>(1);
+        let (parameters, parameters_input) = inputs.get::<Parameters>(2);
+        if let Some(values) = self.live.news(parameters, parameters_input) {
+            let (front, rear) = (value(values, Id::FrontFriction), value(values, Id::RearFriction));
+            self.tuning = Tuning {
+                friction_scale: [front, front, rear, rear],
+                speed_offset_m_s: value(values, Id::SpeedOffset),
+            };
+        }
         let mut flags = 0;
         let rack = measured.rack_displacement_m;
         let plausible = rack.is_finite() && rack.abs() <= 1.5 * self.rack_max_m;
@@ -224,13 +259,14 @@ impl Model for VehicleNode {
         if std::mem::take(&mut self.restored) {
             flags |= model_flags::RESTORED;
         }
-        let next_s = (step.n + 1) as f64 * self.period_s;
+        let manoeuvre_s = |n: u64| manoeuvre_time_s(bench, bench_input, n, self.period_s);
+        let (now_s, next_s) = (manoeuvre_s(step.n), manoeuvre_s(step.n + 1));
         let next = self.manoeuvre.at(next_s);
         let (mut angle, mut rate) = (next.steering_wheel_angle_rad, next.steering_wheel_rate_rad_s);
         if verdict != Verdict::Stale {
             let held = self.vehicle.output().held_steps;
             let faults = self.vehicle.equations().map_or(0, |equations| equations.faults());
-            let input = self.input(step.n as f64 * self.period_s);
+            let input = self.input(now_s);
             self.vehicle.step(&input);
             if let Some(driveline) = &mut self.driveline {
                 let demand = self.vehicle.drive_demand();
@@ -267,15 +303,16 @@ impl Model for VehicleNode {
         }
         let state = &mut self.last;
         state.tick = step.n;
-        state.time_s = next_s;
+        state.time_s = (step.n + 1) as f64 * self.period_s;
         state.flags = flags;
+        state.parameters_version = self.live.version();
         state.used_rig_measurement = self.used_tick;
         state.held_count = self.guard.held_count();
         state.manoeuvre_active = u64::from(next.active);
         state.hand_wheel_mode = u64::from(next.hand_wheel != HandWheel::Free);
         state.steering_wheel_angle_command_rad = angle;
         state.steering_wheel_rate_command_rad_s = rate;
-        state.target_speed_m_s = next.target_speed_m_s;
+        state.target_speed_m_s = next.target_speed_m_s + self.tuning.speed_offset_m_s;
         output.copy_from_slice(state.words());
     }
 

@@ -6,11 +6,14 @@ mod can;
 pub mod can_args;
 mod can_bus;
 mod configuration;
+pub mod console;
 mod doctor;
 mod fault;
 mod history;
 mod log;
 mod model;
+pub mod monitor;
+pub mod param;
 mod procedure;
 pub mod rig;
 mod run;
@@ -52,6 +55,10 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Attach(args) => run::attach(&args),
         Command::Blackbox(args) => blackbox::blackbox(&args),
         Command::Clean(args) => blackbox::clean(&args),
+        Command::Console(args) => console::console(&args),
+        Command::Monitor(args) => monitor::monitor(&args),
+        Command::Param(args) => param::param(&args),
+        Command::Operate(args) => param::operate(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Args::command(), "kingpin", &mut std::io::stdout());
             Exit::Done

@@ -404,6 +404,7 @@ fn perform(
         faults: false,
         fault_plan: Vec::new(),
         versions: BTreeMap::from([("kingpin".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        operated: false,
     };
     let interrupt = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {

@@ -48,6 +48,13 @@ pub fn run(args: &RunArgs) -> Exit {
     if let Err(error) = assembly::CanParts::new(&resolved) {
         return refuse(args, Exit::BadInput, &error.to_string());
     }
+    if let Err(refused) = params::Schedule::new(&resolved) {
+        let lines: Vec<_> = refused.iter().map(|r| format!("{}: {r}", resolved.scenario.name)).collect();
+        return refuse(args, Exit::BadInput, &lines.join("\n"));
+    }
+    if args.operate && args.lockstep.is_some() {
+        return refuse(args, Exit::BadInput, "--operate: needs a run by the clock, not --lockstep");
+    }
     let directory = match make_directory(args, &resolved) {
         Ok(directory) => directory,
         Err(error) => return refuse(args, Exit::Unavailable, &error),
@@ -68,9 +75,15 @@ pub fn run(args: &RunArgs) -> Exit {
         faults: args.faults,
         fault_plan: Vec::new(),
         versions: versions(),
+        operated: args.operate,
     };
+    let beside = args.console.then(|| super::console::Beside::start(&args.name, args.console_port));
+    if let Some(Err(error)) = &beside {
+        output::note(format!("the run has no console: {error}"));
+    }
     let mut view = View::new(&run, args.json);
     let outcome = supervisor::run(&run, &interrupt, &mut view);
+    drop(beside);
     view.bar.finish_and_clear();
     match outcome {
         Ok(outcome) => finish(Ending { json: args.json, report: !args.no_report }, &run, &outcome),

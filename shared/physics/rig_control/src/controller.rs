@@ -11,7 +11,7 @@ use crate::height::HeightLoop;
 use crate::hub::{HubObserver, HubState};
 use crate::rack::{RackObserver, SteerReference};
 use crate::steer::SteerLoop;
-use config::rig::{Rig, SteerDevice, Switches};
+use config::rig::{Control, Rig, SteerDevice, Switches};
 use config::unit::SteeringUnit;
 use config::{Broken, Check, Checker};
 use rig_plant::linkage::{ArmPose, RodPose};
@@ -125,6 +125,17 @@ impl RigController {
     /// Switches compensations from the next tick on.
     pub fn set_switches(&mut self, switches: Switches) {
         self.switches = switches;
+    }
+
+    /// Takes over the tuning of all loops from the next tick on: gains and rates. What sizes delays and
+    /// observers (delays, axis models, command tracker, rack observer) stays as it was built.
+    pub fn tune(&mut self, control: &Control) {
+        for side in 0..2 {
+            self.force[side].tune(control);
+            self.height[side].tune(control);
+        }
+        self.steer.tune(control);
+        self.rack.tune(control);
     }
 
     /// One tick.

@@ -95,6 +95,11 @@ impl ForceLoop {
         }
     }
 
+    /// Takes over the tuning; delays and the command's tracker stay as they were built.
+    pub fn tune(&mut self, control: &Control) {
+        self.control.force = control.force.clone();
+    }
+
     /// Time from a command to the middle of its effect. [s]
     pub fn lead_s(&self) -> f64 {
         self.input_delay_s + 0.5 * self.period_s

@@ -49,6 +49,11 @@ impl HeightLoop {
         }
     }
 
+    /// Takes over the tuning.
+    pub fn tune(&mut self, control: &Control) {
+        self.control.height = control.height.clone();
+    }
+
     /// Commanded velocity `lead_s` from now. [m/s]
     pub fn velocity_ahead_m_s(&self, lead_s: f64) -> f64 {
         self.velocity.value + lead_s * self.velocity.rate

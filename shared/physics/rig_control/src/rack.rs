@@ -66,6 +66,12 @@ impl RackObserver {
         }
     }
 
+    /// Takes over the steer loop's tuning, by which the hub follows.
+    pub fn tune(&mut self, control: &Control) {
+        self.hub_bandwidth = control.steer.bandwidth_rad_s;
+        self.hub_damping = control.steer.damping_ratio;
+    }
+
     /// Takes in the hub's rate and the readings of a tick. `rods_n`: force of both rods on the rack.
     pub fn step(&mut self, hub_rate_rad_s: f64, rack_m: f64, torque_n_m: f64, assist_n_m: f64, rods_n: f64) {
         if !self.started {

@@ -46,6 +46,11 @@ impl SteerLoop {
         }
     }
 
+    /// Takes over the tuning.
+    pub fn tune(&mut self, control: &Control) {
+        self.control.steer = control.steer.clone();
+    }
+
     /// One tick: the actuator's torque. `gain` fades the torque mode; angle commands come faded.
     pub fn step(
         &mut self,

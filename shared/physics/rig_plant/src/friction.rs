@@ -36,6 +36,13 @@ impl LuGre {
         }
     }
 
+    /// Another sliding friction, with the same elastic displacement and ratios.
+    pub fn set_sliding(&mut self, friction: impl Into<Friction>, sliding: f64) {
+        let deflection = self.deflection;
+        *self = Self::new(Friction { sliding, ..friction.into() });
+        self.deflection = deflection;
+    }
+
     /// Stiffness in stick, for stability checks.
     pub fn stiffness(&self) -> f64 {
         self.stiffness

@@ -22,4 +22,4 @@ pub use composed_unit::ComposedUnit;
 pub use interface::{Actuation, Channel, Measurement, RigEnvironment};
 pub use linkage::Linkage;
 pub use plant::{Truth, VirtualRig};
-pub use unit::{ColumnEps, SteeringUnitModel, UnitAccount, UnitInput, UnitOutput};
+pub use unit::{ColumnEps, SteeringUnitModel, UnitAccount, UnitInput, UnitOutput, UnitTuning};

@@ -15,7 +15,7 @@ use crate::linkage::Linkage;
 use crate::random::Random;
 use crate::sensors::{Encoder, ErrorRule, SensorModel};
 use crate::state::{StateReader, StateWriter};
-use crate::unit::{ColumnEps, SteeringUnitModel, UnitAccount, UnitInput, UnitOutput};
+use crate::unit::{ColumnEps, SteeringUnitModel, UnitAccount, UnitInput, UnitOutput, UnitTuning};
 use config::rig::{Rig, Sensor, SteerDevice};
 use config::unit::SteeringUnit;
 use config::{Broken, Check, Checker};
@@ -224,6 +224,11 @@ impl VirtualRig {
         if environment.hand_torque_n_m.is_finite() {
             self.environment.hand_torque_n_m = environment.hand_torque_n_m;
         }
+    }
+
+    /// Tunes the steering unit from the next sub-step on.
+    pub fn tune_unit(&mut self, tuning: &UnitTuning) {
+        self.unit.tune(tuning);
     }
 
     /// Advances by `duration_s`, rounded to whole sub-steps, at most 100 000.

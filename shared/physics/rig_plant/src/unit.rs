@@ -34,6 +34,21 @@ pub struct UnitInput {
     pub engine_on: bool,
 }
 
+/// What of a unit can be tuned while it runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnitTuning {
+    /// Scale of the assist map. [-]
+    pub assist_scale: f64,
+    /// Scale of the assist's damping. [-]
+    pub assist_damping_scale: f64,
+    /// Scale of the active return. [-]
+    pub assist_return_scale: f64,
+    /// Sliding friction of the rack. [N]
+    pub rack_friction_n: f64,
+    /// Sliding friction of the column. [N·m]
+    pub column_friction_n_m: f64,
+}
+
 /// Where the unit stands after a sub-step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct UnitOutput {
@@ -80,6 +95,8 @@ pub trait SteeringUnitModel: Send {
     fn step(&mut self, input: &UnitInput, step_s: f64);
     /// Where it stands.
     fn output(&self) -> &UnitOutput;
+    /// Takes over a tuning from the next sub-step on. A unit that cannot be tuned stays as it is.
+    fn tune(&mut self, _: &UnitTuning) {}
     /// Rack travel per radian of the hand wheel at the centre, signed. [m/rad]
     fn rack_per_radian_m(&self) -> f64;
     /// Highest natural frequency with `rack_stiffness_n_m` at the rack, for choosing a sub-step. [rad/s]
@@ -173,6 +190,14 @@ impl SteeringUnitModel for ColumnEps {
         &self.out
     }
 
+    fn tune(&mut self, tuning: &UnitTuning) {
+        self.rack_friction.set_sliding(&self.unit.rack_friction, tuning.rack_friction_n);
+        self.column_friction.set_sliding(&self.unit.column_friction, tuning.column_friction_n_m);
+        if let Some(ecu) = &mut self.ecu {
+            ecu.scale = [tuning.assist_scale, tuning.assist_damping_scale, tuning.assist_return_scale];
+        }
+    }
+
     fn rack_per_radian_m(&self) -> f64 {
         self.ratio
     }
@@ -256,6 +281,8 @@ pub fn uneven(joints: &UniversalJoints, angle_rad: f64) -> (f64, f64) {
 struct Ecu {
     assist: ElectricAssist,
     slope_max: f64,
+    /// Live scales of map, damping, return.
+    scale: [f64; 3],
     /// Sensed torque [N·m], lag state of the lead filter [N·m], assist force [N].
     state: [f64; 3],
 }
@@ -273,6 +300,7 @@ impl Ecu {
         Self {
             assist: assist.clone(),
             slope_max: slope_max * assist.lead_s / assist.lead_lag_s,
+            scale: [1.0; 3],
             state: [0.0; 3],
         }
     }
@@ -298,7 +326,9 @@ impl Ecu {
             let damping = blend(a.damping_n_s_m[row], a.damping_n_s_m[next]) * o.rack_velocity_m_s;
             let back = blend(a.return_n_m[row], a.return_n_m[next]) * o.rack_displacement_m;
             let back = back.clamp(-a.return_limit_n, a.return_limit_n);
-            (map - damping - back).clamp(-a.force_limit_n, a.force_limit_n)
+            let [map_scale, damping_scale, return_scale] = self.scale;
+            (map_scale * map - damping_scale * damping - return_scale * back)
+                .clamp(-a.force_limit_n, a.force_limit_n)
         } else {
             0.0
         };

@@ -94,6 +94,7 @@ pub fn round(
         rearm: true,
         faults: true,
         fault_plan: plan.to_vec(),
+        operated: false,
         versions: super::super::run::versions(),
     };
     match std::fs::create_dir_all(directory) {
