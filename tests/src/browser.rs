@@ -150,6 +150,8 @@ impl Browser {
     /// Clicks as a user does: what is hidden, covered or disabled cannot be clicked.
     pub fn click(&self, selector: &str) {
         let element = self.element(selector);
+        // Away from the page's head, which stays on top when the page is scrolled.
+        self.run(&format!("document.querySelector({}).scrollIntoView({{block: 'center'}})", json!(selector)));
         self.call("POST", &self.of(&format!("/element/{element}/click")), Some(&json!({})));
     }
 

@@ -54,7 +54,7 @@ impl Socket {
         }
         let head = String::from_utf8_lossy(&head).into_owned();
         match head.split_ascii_whitespace().nth(1) {
-            Some("101") => Ok(Socket { stream, buffer: Vec::new(), next: 1 }),
+            Some("101") => Ok(Socket { stream, buffer: Vec::new(), next: 1 << 40 }),
             Some(status) => Err(status.to_owned()),
             None => Err("no answer".to_owned()),
         }
