@@ -15,6 +15,8 @@ use tyre::{Motion, TransientState, Tyre, UseMode};
 use vehicle::{AxleKinematics, Vehicle, VehicleInput};
 
 const CAR: &str = include_str!("../../schemas/cars/sedan.toml");
+/// Its rear constants stand in for the saloon's hardpoints.
+const OTHER: &str = include_str!("../../schemas/cars/bmw_m8.toml");
 const TYRE: &str = include_str!("../../schemas/tyres/car_205_60r15.tir");
 
 fn tyre() -> Tyre {
@@ -25,11 +27,11 @@ fn car(sub_steps: u32) -> Vehicle {
     let mut car: Car = toml::from_str(CAR).unwrap();
     car.numerics.sub_steps = sub_steps;
     // Maps of the same size as from hardpoints; their contents do not matter here.
-    let front = IdealKinematics { steer_per_rack_rad_m: -7.3, ..car.rear.kinematics.clone().unwrap() };
+    let rear = toml::from_str::<Car>(OTHER).unwrap().rear.kinematics.unwrap();
+    let front = IdealKinematics { steer_per_rack_rad_m: -7.3, ..rear.clone() };
     let maps = [
         AxleKinematics::ideal(&front, &car.front, car.body.wheelbase_m, 0.07).unwrap(),
-        AxleKinematics::ideal(&car.rear.kinematics.clone().unwrap(), &car.rear, car.body.wheelbase_m, 0.0)
-            .unwrap(),
+        AxleKinematics::ideal(&rear, &car.rear, car.body.wheelbase_m, 0.0).unwrap(),
     ];
     let mut vehicle = Vehicle::new(&car, maps, [tyre(), tyre(), tyre(), tyre()], 1e-3).unwrap();
     vehicle.reset(22.22, &VehicleInput { target_speed_m_s: Some(22.22), ..VehicleInput::default() });

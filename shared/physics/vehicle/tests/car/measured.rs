@@ -1,7 +1,7 @@
 //! Against a measured car: the BMW M8's double lane change of the roadview project (spec 3.3).
 //!
 //! Steering and speed are the input. Parameters as in the car file; its tyre scale factors were fitted on the first half
-//! of the manoeuvre, the second half is the check. Hardpoints are not the car's own, so constants stand in here.
+//! of the manoeuvre, the second half is the check; `KINGPIN_MEASURED_PLOT=m8.html` plots both. Hardpoints are not the car's own, so constants stand in here.
 
 use crate::support::*;
 use config::car::SteeringSystem;
@@ -33,6 +33,35 @@ fn smooth(x: &[f64], y: &[f64], at: f64, half: f64) -> f64 {
     if b > a { y[a..b].iter().sum::<f64>() / (b - a) as f64 } else { interpolate(x, y, at) }
 }
 
+/// A page with the three histories, model over measurement; the line parts the fitted half from the checked one.
+fn plot(history: &[[f64; 7]]) -> String {
+    let mut page = String::from(
+        "<!DOCTYPE html><meta charset=\"utf-8\"><title>BMW M8, double lane change</title>\n\
+         <h1>BMW M8, double lane change: model (red) over measurement (black)</h1>\n",
+    );
+    let (start, span) = (history[0][0], history[history.len() - 1][0] - history[0][0]);
+    for (k, name) in [(1, "yaw rate [rad/s]"), (3, "lateral acceleration [m/s²]"), (5, "roll angle [rad]")] {
+        let most = history.iter().fold(1e-9f64, |m, r| m.max(r[k].abs()).max(r[k + 1].abs()));
+        page += &format!(
+            "<h2>{name}, ±{most:.3}, {start:.1} to {:.1} s</h2><svg viewBox=\"0 0 900 260\" width=\"900\">",
+            start + span
+        );
+        page += "<path d=\"M0 130H900\" stroke=\"#ccc\"/>";
+        let parted = 900.0 * 4.0 / span;
+        page += &format!("<path d=\"M{parted:.1} 0V260\" stroke=\"#88f\" stroke-dasharray=\"4\"/>");
+        for (column, colour) in [(k + 1, "black"), (k, "red")] {
+            page += &format!("<polyline fill=\"none\" stroke=\"{colour}\" points=\"");
+            for r in history {
+                page +=
+                    &format!("{:.1},{:.1} ", 900.0 * (r[0] - start) / span, 130.0 - 125.0 * r[column] / most);
+            }
+            page += "\"/>";
+        }
+        page += "</svg>\n";
+    }
+    page
+}
+
 #[test]
 fn double_lane_change_of_a_real_car() {
     let folder = "measured/bmw_m8_roadview";
@@ -60,6 +89,7 @@ fn double_lane_change_of_a_real_car() {
     let mut halves = [[0.0; 3]; 2];
     let mut counts = [0.0; 2];
     let mut peaks = [0.0f64; 3];
+    let mut history: Vec<[f64; 7]> = Vec::new();
     for n in 0..7000 {
         let t = start + 1e-3 * f64::from(n);
         input.time_s = 1e-3 * f64::from(n);
@@ -73,6 +103,9 @@ fn double_lane_change_of_a_real_car() {
             smooth(&bus[0], &bus[3], t, 0.05),
             smooth(&bus[0], &bus[4], t, 0.05) - zero,
         ];
+        if n % 10 == 0 {
+            history.push([t, found[0], measured[0], found[1], measured[1], found[2], measured[2]]);
+        }
         let half = usize::from(n >= 4000);
         counts[half] += 1.0;
         for k in 0..3 {
@@ -91,6 +124,10 @@ fn double_lane_change_of_a_real_car() {
                 measured[2]
             );
         }
+    }
+    if let Ok(path) = std::env::var("KINGPIN_MEASURED_PLOT") {
+        std::fs::write(&path, plot(&history)).unwrap();
+        println!("plotted to {path}");
     }
     for (half, name) in [(0, "first half (fitted)"), (1, "second half (checked)")] {
         let rms: Vec<f64> = (0..3).map(|k| (halves[half][k] / counts[half]).sqrt() / peaks[k]).collect();

@@ -56,8 +56,31 @@ pub fn front_constants() -> IdealKinematics {
     }
 }
 
+/// Constants near those of the saloon's rear axle.
+pub fn rear_constants() -> IdealKinematics {
+    IdealKinematics {
+        toe_in_rad: 0.0017,
+        camber_rad: -0.0175,
+        toe_in_per_travel_rad_m: 0.05,
+        camber_per_travel_rad_m: -0.45,
+        caster_per_travel_rad_m: -0.10,
+        roll_centre_height_m: 0.10,
+        forward_per_travel: -0.05,
+        steer_per_rack_rad_m: 0.0,
+        ackermann: 0.0,
+        caster_rad: 0.05,
+        kingpin_inclination_rad: 0.05,
+        kingpin_offset_m: 0.05,
+        caster_offset_m: 0.0,
+        ..front_constants()
+    }
+}
+
 /// Without hardpoint files.
 pub fn with_constants(mut car: Car) -> Car {
+    if car.rear.axle_file.take().is_some() {
+        car.rear.kinematics = Some(rear_constants());
+    }
     if car.front.axle_file.take().is_some() {
         car.front.kinematics = Some(front_constants());
     }
