@@ -51,7 +51,7 @@ fn stroke(axis: &HydraulicAxis, weight_n: f64, frequency_hz: f64, opening: f64) 
     let h_inner = h / inner as f64;
     let mut cylinder = Cylinder::new(axis, weight_n);
     let (mut x, mut v) = (0.0, 0.0);
-    let (mut sum, mut square) = ([0.0; 2], 0.0);
+    let mut sum = [0.0; 2];
     let mut drift = 0.0;
     for n in 0..(periods + 1) * STEPS {
         let phase = TAU * (n % STEPS) as f64 / STEPS as f64;
@@ -66,10 +66,8 @@ fn stroke(axis: &HydraulicAxis, weight_n: f64, frequency_hz: f64, opening: f64) 
         if n >= periods * STEPS {
             sum[0] += x * phase.cos();
             sum[1] += x * phase.sin();
-            square += x * x;
         }
     }
-    let _ = square;
     2.0 / STEPS as f64 * sum[0].hypot(sum[1])
 }
 

@@ -168,16 +168,16 @@ fn parts() -> Vec<(&'static str, Vec<&'static str>)> {
         ("without gain adaptation", vec!["rig.control.switches.gain_adaptation=false"]),
         ("without preview of the steering", vec!["rig.control.switches.steering_preview=false"]),
         (
-            "cylinder's cell above 3 Hz",
-            vec!["rig.control.force.cell_crossover_rad_s=20", "rig.control.force.bandwidth_rad_s=60"],
-        ),
-        (
-            "the same without inertia feed-forward",
+            "cylinder's cell above 3 Hz, with inertia feed-forward",
             vec![
                 "rig.control.force.cell_crossover_rad_s=20",
                 "rig.control.force.bandwidth_rad_s=60",
-                "rig.control.switches.inertia_feed_forward=false",
+                "rig.control.switches.inertia_feed_forward=true",
             ],
+        ),
+        (
+            "the same without inertia feed-forward",
+            vec!["rig.control.force.cell_crossover_rad_s=20", "rig.control.force.bandwidth_rad_s=60"],
         ),
     ]
 }
