@@ -126,6 +126,11 @@ pub fn vehicle(args: &VehicleArgs) -> Exit {
 
 fn load_car(reference: &str, overrides: &[String], step_s: f64) -> Result<Vehicle, String> {
     let resolved = ResolvedCar::load(reference, overrides).map_err(|problems| problems.to_string())?;
+    if resolved.driveline_model.is_some() {
+        output::note(format!(
+            "{reference}: its driveline model runs on the bench only; here its own powertrain drives"
+        ));
+    }
     assembly::build_car(&resolved, step_s).map_err(|error| format!("{reference}: {error}"))
 }
 

@@ -70,7 +70,7 @@ pub fn run(car: &mut Vehicle, theirs: &Table, steer: &str) -> Table {
     for n in 0..t.len() {
         input += &format!("{},{},{}\n", t[n], steer_by[n], speed[n]);
     }
-    let output = simulate_csv(car, &input).unwrap_or_else(|e| panic!("{e:?}"));
+    let output = simulate_csv(car, &input, "input").unwrap_or_else(|e| panic!("{e:?}"));
     if let Ok(path) = std::env::var("KINGPIN_PEERS_OUTPUT") {
         std::fs::write(path, &output).unwrap();
     }
