@@ -5,7 +5,9 @@
 
 use crate::{AssemblyError, ServiceKind, build};
 use config::ResolvedBench;
-use regions::{Bench, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState};
+use regions::{
+    Bench, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState,
+};
 use runtime::lockstep::Chain;
 use runtime::{Bound, region_specs};
 use table::{Read, RegionReader, Table, TableInfo};
@@ -48,6 +50,9 @@ pub fn run(resolved: &ResolvedBench, mut watch: impl FnMut(&Tick) -> bool) -> Re
     let models = vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
     let mut chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(refused)?;
+    let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(refused)?;
+    let schedule =
+        params::Schedule::new(resolved).map_err(|faults| AssemblyError::new("scenario", faults))?;
     let reader = |region: RegionId| table.reader(region as usize).clone();
     let readers =
         [RegionId::RigMeasurement, RegionId::VehicleState, RegionId::SuspensionState, RegionId::RigStatus]
@@ -70,6 +75,8 @@ pub fn run(resolved: &ResolvedBench, mut watch: impl FnMut(&Tick) -> bool) -> Re
         };
         // Sole writer, in order: cannot be refused.
         let _ = bench.write(n, asked.words());
+        let (version, values) = schedule.at(n);
+        let _ = parameters.write(n, Parameters { tick: n, version, value: *values }.words());
         chain.tick(n).map_err(refused)?;
         let whole = take(&readers[0], n, &mut measurement)
             && take(&readers[1], n, &mut vehicle)

@@ -64,6 +64,12 @@ pub fn replay(
         let writer = table.claim_writer(*id as usize).map_err(|e| e.to_string())?;
         sources.push(Source { region: id.region().name, used: column(used)?, writer });
     }
+    // What came on the side: the start of the manoeuvre's clock, and the parameters by the version it ran on.
+    let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(|e| e.to_string())?;
+    let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(|e| e.to_string())?;
+    let (asked, tuned) = (log.region("bench").ok(), log.region("parameters").ok());
+    let versions = log.column_u64("parameters", "version").unwrap_or_default();
+    let on_version = column("parameters_version")?;
     let reader = table.reader(output as usize).clone();
     let mut words = vec![0; reader.words()];
     let mut result = Replayed::default();
@@ -79,6 +85,17 @@ pub fn replay(
                 return Ok(result);
             };
             let _ = source.writer.write(tick, input);
+        }
+        if let Some(asked) = asked {
+            let row = asked.ticks.partition_point(|&t| t <= tick).max(1) - 1;
+            if row < asked.ticks.len() {
+                let _ = bench.write(tick, asked.row(row));
+            }
+        }
+        if let Some(row) = versions.iter().position(|&version| version == was[on_version])
+            && let Some(tuned) = tuned
+        {
+            let _ = parameters.write(tick, tuned.row(row));
         }
         let caught_up = was[flags] & model_flags::CAUGHT_UP != 0;
         bound.tick(0, tick, caught_up).map_err(|e| e.to_string())?;
