@@ -163,7 +163,7 @@ parameters! {
     /// Derivative time of the force loop (delay compensation off)
     ForceDerivative "control.force.derivative_s" "s" number 0.0..=0.02 Steady Rig |b| b.rig.control.force.derivative_s;
     /// Above this the force comes from the actuator's cell, below it from the tie rod's
-    ForceCrossover "control.force.cell_crossover_rad_s" "rad/s" number 10.0..=1000.0 Steady Rig |b| b.rig.control.force.cell_crossover_rad_s;
+    ForceCrossover "control.force.cell_crossover_rad_s" "rad/s" number 10.0..=20_000.0 Steady Rig |b| b.rig.control.force.cell_crossover_rad_s;
     /// Bandwidth of the height loop
     HeightBandwidth "control.height.bandwidth_rad_s" "rad/s" number 5.0..=200.0 Steady Rig |b| b.rig.control.height.bandwidth_rad_s;
     /// Rate of the height loop's integral part

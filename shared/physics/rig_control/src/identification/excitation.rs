@@ -1,8 +1,8 @@
 //! Periodic test signals of unit peak: multisine, chirp, pseudo-random binary sequence.
 //!
-//! Multisine: chosen lines, amplitude ∝ 1 below `corner_hz` and 1/f above, Schroeder phases [Schroeder 1970,
-//! IEEE Trans. IT 16(1)]. Chirp: linear sweep up over the period. Binary sequence: maximum length, held for a
-//! whole number of samples. All start near zero and can be repeated without a gap.
+//! Multisine: chosen lines, amplitude ∝ 1 below `corner_hz` and 1/f above, phases by Schroeder's rule for
+//! that spectrum [Schroeder 1970, IEEE Trans. IT 16(1)]. Chirp: linear sweep up over the period. Binary sequence:
+//! maximum length, held for a whole number of samples. All start near zero and can be repeated without a gap.
 
 use core::f64::consts::{PI, TAU};
 
@@ -88,17 +88,21 @@ impl Periodic {
 }
 
 fn multisine(lines: &[usize], count: usize, step_hz: f64, corner_hz: f64) -> Vec<f64> {
-    let n = lines.len() as f64;
+    let amplitude = |line: usize| (corner_hz / (line as f64 * step_hz)).min(1.0);
+    let power: f64 = lines.iter().map(|&line| amplitude(line).powi(2)).sum();
     let mut values = vec![0.0; count];
-    for (j, &line) in lines.iter().enumerate() {
-        let f = line as f64 * step_hz;
-        let amplitude = (corner_hz / f).min(1.0);
-        let phase = -PI * (j * (j + 1)) as f64 / n;
+    // φ_n = φ_1 − 2π Σ_{l<n} (n − l) p_l, p_l the line's share of the power: the frequency sweeps as long over each
+    // line as its share is. (For equal lines that is −π n²/N.)
+    let (mut phase, mut passed) = (0.0, 0.0);
+    for &line in lines {
+        let amplitude = amplitude(line);
         for (i, value) in values.iter_mut().enumerate() {
             // The phase by integers: exact over any period.
             let turn = (i * line % count) as f64 / count as f64;
             *value += amplitude * (TAU * turn + phase).sin();
         }
+        passed += amplitude * amplitude / power;
+        phase -= TAU * passed;
     }
     values
 }
