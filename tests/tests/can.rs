@@ -233,13 +233,13 @@ modes = {"both": p01.E2E_P01_DATAID_BOTH, "alternating": p01.E2E_P01_DATAID_ALT,
 modes11 = {"both": p11.E2E_P11_DATAID_BOTH, "nibble": p11.E2E_P11_DATAID_NIBBLE}
 n = {}
 for line in sys.stdin:
-    c = json.loads(line); ours = bytes(c["data"]); theirs = bytearray(ours); k = c["profile"]
+    c = json.loads(line); ours = bytearray(c["data"]); theirs = bytearray(ours); k = c["profile"]
     for i in c["checksum"]: theirs[i] = 0
     if k == "1": a = dict(data_id_mode=modes[c["mode"]]); p01.e2e_p01_protect(theirs, c["id"], increment_counter=False, **a); good = p01.e2e_p01_check(ours, c["id"], **a)
     if k == "11": a = dict(data_id_mode=modes11[c["mode"]]); p11.e2e_p11_protect(theirs, c["id"], increment_counter=False, **a); good = p11.e2e_p11_check(ours, c["id"], **a)
     if k == "2": l = bytes(c["list"]); p02.e2e_p02_protect(theirs, l, increment_counter=False); good = p02.e2e_p02_check(ours, l)
     if k == "5": a = dict(offset=c["offset"]); p05.e2e_p05_protect(theirs, c["id"], increment_counter=False, **a); good = p05.e2e_p05_check(ours, c["id"], **a)
-    assert ours == bytes(theirs) and good, (c, bytes(theirs).hex())
+    assert ours == theirs and good, (c, bytes(theirs).hex())
     n[k] = n.get(k, 0) + 1
 print(json.dumps(n))
 "#;

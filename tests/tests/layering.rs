@@ -54,7 +54,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("can_service", &["assembly", "can", "runtime", "table"]),
     ("logger", &["assembly", "params", "record", "regions", "runtime", "table"]),
     (
-        "console",
+        "console_service",
         &["assembly", "config", "operator_link", "params", "record", "regions", "report", "safety", "table"],
     ),
     (

@@ -126,6 +126,13 @@ impl Logger {
         Ok(logger)
     }
 
+    /// The log is complete only with every tick of this region too: one whose service runs in lockstep behind the chain.
+    pub fn must_have(&mut self, id: RegionId) {
+        for track in self.tracks.iter_mut().filter(|track| track.id == id) {
+            track.dense = true;
+        }
+    }
+
     /// Reads and writes what has come since the last call. Returns the number of messages, its own not counted.
     pub fn drain(&mut self) -> u64 {
         let mut messages = 0;

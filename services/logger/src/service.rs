@@ -4,6 +4,7 @@ use crate::{Finished, Logger, run};
 use assembly::manifest::{Drive, Manifest};
 use assembly::service::{ServiceError, open_table, wait_for_start};
 use record::{LogError, LogHeader, LogWriter, Source, text_hash};
+use regions::RegionId;
 use runtime::clock::Nanos;
 use runtime::realtime::{self, Wish};
 use std::sync::Arc;
@@ -101,7 +102,11 @@ pub fn serve(bench: &Bench, mut note: impl FnMut(&str)) -> Result<Finished, Logg
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)));
     let t0 = wait_for_start(&table).map_err(|e| LoggerError::Service(ServiceError::Tick(e)))?;
     let poll = if manifest.drive == Drive::Lockstep { POLL_LOCKSTEP_NS } else { POLL_NS };
+    let with_can = manifest.drive == Drive::Lockstep && manifest.resolved.can.is_some();
     let make = Box::new(move || create_log(&manifest, t0));
-    let logger = Logger::new(&table, make).map_err(|e| LoggerError::Service(ServiceError::Table(e)))?;
+    let mut logger = Logger::new(&table, make).map_err(|e| LoggerError::Service(ServiceError::Table(e)))?;
+    if with_can {
+        logger.must_have(RegionId::Can);
+    }
     Ok(run(logger, poll, || stop.load(Ordering::Relaxed)))
 }

@@ -76,7 +76,10 @@ pub(crate) fn run(
         Some(log) => Ok(log),
         None => logger::create_log(&manifest, info.t0_ns),
     });
-    let log = logger::Logger::new(&table, make).map_err(RunError::Table)?;
+    let mut log = logger::Logger::new(&table, make).map_err(RunError::Table)?;
+    if run.resolved.can.is_some() && !run.faults {
+        log.must_have(RegionId::Can);
+    }
     let abandoned = AtomicBool::new(false);
     let credit = specs[RegionId::RigStatus as usize].depth as u64 / 2;
 
