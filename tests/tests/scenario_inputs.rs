@@ -128,7 +128,7 @@ patch_width_m = 0.15
     assert_eq!(ended.status.code(), Some(0), "{}", told(&ended));
     let log = LogReader::open(&out).unwrap();
     let x = signal(&log, "vehicle_state.position_m.x");
-    let travel = signal(&log, "vehicle_state.wheel_travel_m.front_left");
+    let travel = signal(&log, "vehicle_state.wheel_travel_m.fl");
     let flags = log.column_u64("vehicle_state", "flags").unwrap();
     let rough = |from: f64, to: f64| {
         let part: Vec<f64> =

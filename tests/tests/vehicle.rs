@@ -77,8 +77,12 @@ fn every_shipped_car_turns_left_with_the_columns_of_the_reference() {
         assert!((table.last("v_x_mps") - 22.2).abs() < 0.5, "{car}");
         assert!(table.last("roll_rad") > 0.005, "{car}: leans out of the turn");
         assert!(table.last("Fz_N_fr") > table.last("Fz_N_fl"), "{car}");
-        assert!(table.last("alpha_rad_rl") < 0.0 && table.last("Fy_N_rl") > 0.0, "{car}");
-        assert!((table.last("delta_road_rad") - 0.015).abs() < 1e-3, "{car}");
+        // Of the axle: with toe-in the inner wheel alone may run at an angle of the other sign.
+        let axle = |name: &str| table.last(&format!("{name}_rl")) + table.last(&format!("{name}_rr"));
+        assert!(axle("alpha_rad") < 0.0 && axle("Fy_N") > 0.0, "{car}");
+        // The rack is set for the angle; compliance under the lateral force takes of it, roll steer a little too.
+        let delta = table.last("delta_road_rad");
+        assert!((0.009..0.0155).contains(&delta), "{car}: {delta}");
         println!(
             "{car}: yaw rate {yaw:.4} rad/s, ay {ay:.3} m/s2, roll {:.2} deg",
             table.last("roll_rad").to_degrees()
@@ -162,7 +166,7 @@ outputs = [
 
     std::fs::write(
         &equations,
-        "outputs = [\n  { name = \"a\", unit = \"N\", expression = \"fz_n_fl + 1 m\" },\n  { name = \"b\", unit = \"N\", expression = \"fz_n\" },\n]\n",
+        "outputs = [\n  { name = \"a\", unit = \"N\", expression = \"fz_n_fl + 1 m\" },\n  { name = \"b\", unit = \"N\", expression = \"fz_n_fll\" },\n]\n",
     )
     .unwrap();
     let ended = simulate("sedan", &input, &out, &["--equations", file]);

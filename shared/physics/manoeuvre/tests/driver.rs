@@ -68,16 +68,22 @@ fn the_circle_is_held_at_five_metres_per_second_squared_and_at_walking_pace() {
 
 #[test]
 fn the_gates_of_iso_3888_1_are_passed_at_80_km_h() {
-    let following = following("double_lane_change_80");
+    // The shipped driver, who knows this car in the place of the saloon: neutral part L·i and characteristic
+    // speed of the single-track model.
+    let mut following = following("double_lane_change_80");
+    following.expected_rad_m = RATIO * WHEELBASE_M;
+    let understeer = 1600.0 / WHEELBASE_M * ((WHEELBASE_M - 1.25) / 90e3 - 1.25 / 130e3);
+    following.characteristic_speed_km_h = 3.6 * (WHEELBASE_M / understeer).sqrt();
     let DriverPath::DoubleLaneChangeIso3888Part1 { straight_m, vehicle_width_m: b } = following.path else {
         panic!("another path");
     };
     let mut driver = PathDriver::new(&following);
     let run = drive(&mut driver, 80.0 / 3.6, 12.0);
+    // Lanes with a common right edge, the middle one 3.5 m left of it: their middles.
     let gates = [
         (0.0, 15.0, 0.0, 1.1 * b + 0.25),
-        (45.0, 70.0, 3.5, 1.2 * b + 0.25),
-        (95.0, 110.0, 0.0, 1.3 * b + 0.25),
+        (45.0, 70.0, 3.5 + 0.05 * b, 1.2 * b + 0.25),
+        (95.0, 110.0, 0.1 * b, 1.3 * b + 0.25),
     ];
     for (from, to, middle, width) in gates {
         let room = 0.5 * (width - b);

@@ -101,7 +101,7 @@ fn equations_are_imports_and_outputs() {
         ]
         imports = [
             { variable = "external_force_y_n", mode = "add", expression = "push" },
-            { variable = "tyre_mz_n_m_fl", mode = "multiply", expression = "0" },
+            { variable = "tyre_fy_n_fl", mode = "multiply", expression = "0" },
         ]
         outputs = [
             { name = "axle_load", unit = "kN", expression = "fz_n_fl + fz_n_fr" },
@@ -125,7 +125,7 @@ fn equations_are_imports_and_outputs() {
         };
         let push = if n >= 100 { 1000.0 } else { 0.0 };
         set(&mut plain, "external_force_y_n", ImportMode::Add, push);
-        set(&mut plain, "tyre_mz_n_m_fl", ImportMode::Multiply, 0.0);
+        set(&mut plain, "tyre_fy_n_fl", ImportMode::Multiply, 0.0);
         plain.step(&now);
         assert_eq!(v.output(), plain.output(), "step {n}");
         let (fl, fr) = loads(&v);
@@ -135,7 +135,8 @@ fn equations_are_imports_and_outputs() {
         assert!((out[1] - 0.5 - steps).abs() < 1e-9, "{} after {steps} steps", out[1]);
         assert!((out[4] - v.output().roll_rad.to_degrees()).abs() < 1e-12);
     }
-    assert!(v.output().wheels[0].mz_n_m == 0.0 && v.output().wheels[1].mz_n_m != 0.0);
+    // The force and not the moment: this car's tyre has no aligning moment.
+    assert!(v.output().wheels[0].fy_n == 0.0 && v.output().wheels[1].fy_n != 0.0);
     assert!(v.output().yaw_rad != 0.0);
 }
 
@@ -173,8 +174,8 @@ fn results_that_are_not_finite_are_held_and_counted() {
     let mut v = build(&car("bmw_320i"));
     v.set_equations(&equations(
         r#"
-        imports = [{ variable = "throttle", mode = "replace", expression = "if(time_s < 0.01 s, 0.3, ln(-1))" }]
-        outputs = [{ name = "bad", unit = "s", expression = "1 s / (time_s * 0)" }]"#,
+        imports = [{ variable = "throttle", mode = "replace", expression = "if(time_s < 0.01 s, 0.3, ln(-1 - time_s / 1 s))" }]
+        outputs = [{ name = "bad", unit = "s", expression = "1 s^2 / min(time_s, 0 s)" }]"#,
     ))
     .unwrap();
     let input = vehicle::VehicleInput::default();
