@@ -165,23 +165,25 @@ impl ComposedUnit {
         }
         let (angle, rack) = (self.out.hand_wheel_angle_rad, self.out.rack_displacement_m);
         self.rest();
-        let moved = rack / angle;
-        if angle < 0.1 {
-            return Err(format!(
+        let mut faults = Vec::new();
+        if angle.is_nan() || angle < 0.1 {
+            faults.push(format!(
                 "a torque of 8 N*m to the left on the wheel turned it by {angle:.3} rad within 1 s: \
                  a steering unit turns left"
             ));
         }
+        // A pinion of the wrong hand against an assist of the right one may turn the wheel either way: that is told too.
+        let moved = rack / angle;
         let off = (moved / self.ratio - 1.0).abs();
-        if off.is_nan() || off > RATIO_TOLERANCE {
+        if angle.abs() >= 0.1 && (off.is_nan() || off > RATIO_TOLERANCE) {
             let turn = core::f64::consts::TAU;
-            return Err(format!(
+            faults.push(format!(
                 "the model's rack moves {:.4} m for one turn of the wheel; the unit's file states {:.4} m/rev",
                 moved * turn,
                 self.ratio * turn
             ));
         }
-        Ok(())
+        if faults.is_empty() { Ok(()) } else { Err(faults.join("; ")) }
     }
 
     fn rest(&mut self) {
