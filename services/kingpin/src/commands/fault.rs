@@ -31,8 +31,8 @@ use table::Bench;
 const TRIES_MAX: u32 = 5;
 
 /// Regions of the log that are read.
-const READ: [&str; 6] =
-    ["bench", "rig_measurement", "vehicle_state", "suspension_state", "rig_status", "faults"];
+const READ: [&str; 7] =
+    ["bench", "rig_measurement", "vehicle_state", "suspension_state", "rig_status", "faults", "parameters"];
 
 /// What all runs of a campaign gave.
 #[derive(Default)]
