@@ -9,6 +9,8 @@
 //! With bushings there is one stage: arms, bushings, poses and forces are solved together each tick, the
 //! wheel heights given and the springs' forces unknown.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use config::Check;
 use config::axle::Axle;
 use spatial::{Vector3, Wrench};
@@ -319,6 +321,13 @@ impl Suspension {
         let _ = self.forces(&input, true);
     }
 
+    /// A body of the trial pose has turned by more than a right angle from design: links fit together that way
+    /// too, and with bushings the sign of the determinant alone does not tell; no axle gets there.
+    fn astray(&self) -> bool {
+        let turned = |(now, design): (&Pose, &Pose)| design.p.relative_to(now.p).e0.abs() < FRAC_1_SQRT_2;
+        self.trial.iter().zip(&self.design).any(turned)
+    }
+
     fn solve(&mut self, input: &SuspensionInput) -> Result<Solved, Failure> {
         let failure = |reason| Failure { reason, constraint: None, iterations: 0, residual: 0.0 };
         if !input.is_finite() {
@@ -333,6 +342,15 @@ impl Suspension {
             Ok(solved) => solved,
             // A last pose near a dead point may be a bad place to start from; the design pose never is.
             Err(from_last) => self.pose(&SuspensionInput::DESIGN, input, true).map_err(|_| from_last)?,
+        };
+        let total = if self.astray() {
+            let total = self.pose(&SuspensionInput::DESIGN, input, true)?;
+            if self.astray() {
+                return Err(Failure { iterations: total.iterations, ..failure(Reason::WrongBranch) });
+            }
+            total
+        } else {
+            total
         };
         self.turn_friction();
         self.forces(input, false)?;
