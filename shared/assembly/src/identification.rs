@@ -35,7 +35,7 @@ pub struct TestPlan {
 
 impl Default for TestPlan {
     fn default() -> Self {
-        Self { force_n: 400.0, height_m: 0.006, angle_rad: 0.15, period_s: 4.0, periods: 6, high_hz: 35.0 }
+        Self { force_n: 400.0, height_m: 0.004, angle_rad: 0.15, period_s: 4.0, periods: 6, high_hz: 35.0 }
     }
 }
 
@@ -318,7 +318,7 @@ pub fn identify(
         let test = Periodic::new(kind, plan.period_s, 0.5, plan.high_hz, period_s);
         let record = bench.record(test.values.len() * 4, |n, _| {
             let mut c = still(0.0);
-            c.tie_rod_force_n = [0.5 * plan.force_n * test.at(n), 0.0];
+            c.tie_rod_force_n = [0.25 * plan.force_n * test.at(n), 0.0];
             (0.0, c)
         })?;
         let asked: Vec<f64> = record.command.iter().map(|c| c.tie_rod_force_n[0]).collect();
