@@ -121,6 +121,7 @@ const MOTOR: usize = 8;
 
 /// What a rig reads after a step.
 #[derive(Clone, Copy, Default)]
+#[allow(dead_code)] // Read by hand when the two disagree.
 struct Read {
     angle: f64,
     w: f64,

@@ -234,7 +234,7 @@ fn a_crash_of_everything_leaves_the_blackbox_and_the_neighbour_alone() {
     first.wait().unwrap();
     until("the last writer's end", || {
         let alive = |region: &&str| show(&dead, region).is_some_and(|r| r["header"]["writer_alive"] == true);
-        (!regions.iter().any(|region| alive(&region))).then_some(())
+        (!regions.iter().any(alive)).then_some(())
     });
     let saved = folder.path().join("saved.mcap");
     let output = Command::new(kingpin())

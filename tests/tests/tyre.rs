@@ -175,7 +175,9 @@ fn the_page_of_curves_needs_nothing_else() {
         assert!(page.matches("<figure>").count() >= 12);
         // Nothing is fetched: the browser is told so, and what comes before the plotting library names no source.
         let own = &page[..page.find("<script>").unwrap()];
-        assert!(page.contains("default-src 'none'") && !own.contains("src=\"") && own.contains("Combined slip"));
+        assert!(
+            page.contains("default-src 'none'") && !own.contains("src=\"") && own.contains("Combined slip")
+        );
         assert!(!page.contains("NaN,"), "a curve has a hole");
     }
     let ended = run(&[

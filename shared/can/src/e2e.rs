@@ -149,7 +149,7 @@ impl Protection {
                 let mut digest = J1850_ZERO.digest();
                 match mode {
                     DataIdMode::Both => digest.update(&[low, high]),
-                    DataIdMode::Alternating if counter % 2 == 0 => digest.update(&[low]),
+                    DataIdMode::Alternating if counter.is_multiple_of(2) => digest.update(&[low]),
                     DataIdMode::Alternating => digest.update(&[high]),
                     DataIdMode::Low => digest.update(&[low]),
                     DataIdMode::Nibble => digest.update(&[low, 0]),

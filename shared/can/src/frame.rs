@@ -100,7 +100,7 @@ impl Frame {
             return Err(wrong("remote frames carry no signals"));
         }
         let digits: Vec<u8> = digits.bytes().filter(|b| *b != b'.' && *b != b' ').collect();
-        if digits.len() % 2 != 0 {
+        if !digits.len().is_multiple_of(2) {
             return Err(wrong("the data must be whole bytes"));
         }
         let mut data = Vec::with_capacity(digits.len() / 2);

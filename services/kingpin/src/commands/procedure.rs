@@ -182,7 +182,7 @@ fn run_all(args: &ProcedureArgs) -> Result<Vec<Judged>, Refusal> {
         let found = judge(args, &run, title, None)?;
         let achieved = achieved(&found);
         judged.push(found);
-        if !(achieved > 0.0) || (achieved / target - 1.0).abs() <= ADAPTED {
+        if achieved.is_nan() || achieved <= 0.0 || (achieved / target - 1.0).abs() <= ADAPTED {
             break;
         }
         // Not linear near the limit of grip: half steps on a logarithmic scale would be slower and no safer.

@@ -313,9 +313,8 @@ impl Victim<'_> {
             match &injection.kind {
                 FaultKind::Kill { .. } if target == Target::Supervisor => self.replace_supervisor(),
                 FaultKind::Kill { .. } => {
-                    if !self.writer(target).is_some_and(|pid| signal(pid, Signal::KILL)) {
-                        made.skipped = Some("was not there".to_owned());
-                    }
+                    let killed = self.writer(target).is_some_and(|pid| signal(pid, Signal::KILL));
+                    made.skipped = (!killed).then(|| "was not there".to_owned());
                 }
                 FaultKind::Stop { .. } => {
                     let pid = self.writer(target).unwrap_or(0);

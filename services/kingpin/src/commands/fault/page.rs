@@ -209,7 +209,8 @@ pub fn html(campaign: &Campaign, summary: &Value, windows: &[Window]) -> String 
     let mut plots = Vec::new();
     for group in groups {
         let of: Vec<_> = windows.iter().filter(|w| w.group == group).collect();
-        let signals: [(&str, &str, fn(&Window) -> &Vec<f64>, &str, bool); 3] = [
+        type Pick = fn(&Window) -> &Vec<f64>;
+        let signals: [(&str, &str, Pick, &str, bool); 3] = [
             ("tie-rod force applied, left", "N", |w| &w.force_n, "", false),
             (
                 "state",
