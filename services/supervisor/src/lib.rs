@@ -223,6 +223,17 @@ pub fn save_before_cleaning(lock: &table::BenchLock) -> String {
     }
 }
 
+/// Removes all that a bench left: shared memory, the operator's link, the manifest. Returns the number of segments.
+///
+/// # Errors
+/// If a segment cannot be removed; the rest goes all the same.
+pub fn remove_left_overs(lock: &table::BenchLock) -> Result<usize, TableError> {
+    let segments = table::remove_bench(lock);
+    operator_link::remove_left_over(lock);
+    Manifest::remove(&lock.bench().directory());
+    segments
+}
+
 impl Run {
     /// The run that a manifest describes.
     fn of_manifest(attach: &Attach, manifest: &Manifest) -> Self {

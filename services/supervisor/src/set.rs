@@ -35,9 +35,7 @@ impl Drop for Cleaner<'_> {
         if let Some(children) = &mut self.children {
             children.kill();
         }
-        let _ = table::remove_bench(self.lock);
-        operator_link::remove_left_over(self.lock);
-        Manifest::remove(&self.lock.bench().directory());
+        let _ = crate::remove_left_overs(self.lock);
     }
 }
 
@@ -50,7 +48,6 @@ pub(crate) fn run(
     let lock = run.bench.lock().map_err(RunError::Table)?;
     // Under the lock there is no other supervisor: what lies there is left over from a crash.
     clear_left_overs(&lock, observer)?;
-    operator_link::remove_left_over(&lock);
     let scenario = &run.resolved.scenario;
     let period_s = scenario.timing.period_s();
     let period_ns = scenario.timing.period_ns();
@@ -132,7 +129,7 @@ fn clear_left_overs(lock: &BenchLock, observer: &mut dyn Observer) -> Result<(),
             None => observer.note(&crate::save_before_cleaning(lock)),
         }
     }
-    let left = table::remove_bench(lock).map_err(RunError::Table)?;
+    let left = crate::remove_left_overs(lock).map_err(RunError::Table)?;
     if left > 0 {
         observer.note(&format!("removed {left} segments left over from an earlier run of this bench"));
     }

@@ -7,13 +7,13 @@
 use std::sync::LazyLock;
 
 use record::LogReader;
-use serde_json::Value;
 
 use crate::figure::{escaped, pretty_unit};
 use crate::figures::Drawer;
 use crate::overlay::Overlay;
 use crate::published::{PUBLISHED_TRACKING, published_for};
 use crate::run::Run;
+use crate::shell;
 use crate::summary::{Percentiles, RunSummary, TrackingFigures, summarise};
 use crate::table::STATES;
 use crate::verdict::{Limits, Outcome};
@@ -43,9 +43,6 @@ pub fn plotly_js() -> &'static str {
     &SCRIPT
 }
 
-pub(crate) const STYLE: &str = include_str!("report.css");
-pub(crate) const SCRIPT: &str = include_str!("report.js");
-
 /// The report on a run as an HTML file.
 pub fn report_html(log: &LogReader, options: &ReportOptions) -> String {
     let summary = summarise(log, &options.overlays, &options.limits);
@@ -53,15 +50,7 @@ pub fn report_html(log: &LogReader, options: &ReportOptions) -> String {
     let figures = Drawer::new(&run, &options.overlays).all();
     let title = options.title.clone().unwrap_or_else(|| summary.scenario.replace('_', " "));
 
-    let mut page = String::with_capacity(6 << 20);
-    page += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n";
-    page += "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; \
-             script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:\">\n";
-    page += "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n";
-    page += &format!(
-        "<title>{} – Kingpin report</title>\n<style>{STYLE}</style></head><body>\n",
-        escaped(&title)
-    );
+    let mut page = shell::open(&format!("{title} – Kingpin report"));
     header(&mut page, &title, options, &summary, log);
     page += "<main>\n<section id=\"summary\">\n";
     cards(&mut page, &summary);
@@ -71,28 +60,13 @@ pub fn report_html(log: &LogReader, options: &ReportOptions) -> String {
     tracking(&mut page, &summary);
     page += "</div></div>\n";
     overlays(&mut page, &summary);
-    page += "</section>\n<section id=\"figures\"><h2>Figures</h2><div class=\"figures\">\n";
-    for (i, figure) in figures.iter().enumerate() {
-        let wide = if figure.wide { " wide" } else { "" };
-        let note = figure
-            .note
-            .as_deref()
-            .map_or_else(String::new, |n| format!("<p class=\"note\">{}</p>", escaped(n)));
-        page += &format!(
-            "<figure class=\"figure{wide}\"><h3>{}</h3><div class=\"plot\" id=\"figure-{i}\"></div>{note}</figure>\n",
-            escaped(&figure.title)
-        );
-    }
-    page += "</div></section>\n";
+    page += "</section>\n";
+    shell::section(&mut page, &figures);
     timing(&mut page, &summary);
     log_section(&mut page, &summary);
     configuration(&mut page, log);
     page += "</main>\n";
-    let data: Vec<Value> = figures.iter().map(crate::figure::Figure::to_json).collect();
-    // A less-than sign inside would end the element.
-    let data = Value::Array(data).to_string().replace('<', "\\u003c");
-    page += &format!("<script type=\"application/json\" id=\"data\">{data}</script>\n");
-    page += &format!("<script>{}</script>\n<script>{SCRIPT}</script>\n</body></html>\n", plotly_js());
+    shell::close(&mut page, &figures);
     page
 }
 

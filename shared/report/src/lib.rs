@@ -13,6 +13,7 @@ mod page;
 mod procedure;
 mod published;
 mod run;
+mod shell;
 mod summary;
 mod table;
 mod verdict;

@@ -1,10 +1,10 @@
 //! A self-contained page of figures and tables for results that are not a run's: campaigns, timing.
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::figure::{BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE};
 use crate::figure::{Figure, escaped, full};
-use crate::html::{SCRIPT, STYLE, plotly_js};
+use crate::shell;
 
 /// A curve of a [`Plot`].
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -57,12 +57,7 @@ pub fn page_html(
     tables: &[Rows],
     plots: &[Plot],
 ) -> String {
-    let mut page = String::with_capacity(6 << 20);
-    page += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n";
-    page += "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; \
-             script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:\">\n";
-    page += "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n";
-    page += &format!("<title>{} – Kingpin</title>\n<style>{STYLE}</style></head><body>\n", escaped(title));
+    let mut page = shell::open(&format!("{title} – Kingpin"));
     let badge = match passed {
         Some(true) => "<div class=\"badge pass\">PASS</div>",
         Some(false) => "<div class=\"badge fail\">FAIL</div>",
@@ -85,21 +80,10 @@ pub fn page_html(
             cells(&table.head, "th")
         );
     }
-    page += "<section id=\"figures\"><h2>Figures</h2><div class=\"figures\">\n";
-    for (i, plot) in plots.iter().enumerate() {
-        let wide = if plot.wide { " wide" } else { "" };
-        page += &format!(
-            "<figure class=\"figure{wide}\"><h3>{}</h3><div class=\"plot\" id=\"figure-{i}\"></div><p class=\"note\">{}</p></figure>\n",
-            escaped(&plot.title),
-            escaped(&plot.note)
-        );
-    }
-    page += "</div></section>\n</main>\n";
-    let data: Vec<Value> = plots.iter().map(|plot| figure(plot).to_json()).collect();
-    // A less-than sign inside would end the element.
-    let data = Value::Array(data).to_string().replace('<', "\\u003c");
-    page += &format!("<script type=\"application/json\" id=\"data\">{data}</script>\n");
-    page += &format!("<script>{}</script>\n<script>{SCRIPT}</script>\n</body></html>\n", plotly_js());
+    let figures: Vec<Figure> = plots.iter().map(figure).collect();
+    shell::section(&mut page, &figures);
+    page += "</main>\n";
+    shell::close(&mut page, &figures);
     page
 }
 
@@ -107,6 +91,7 @@ fn figure(plot: &Plot) -> Figure {
     const COLOURS: [&str; 6] = [BLUE, ORANGE, GREEN, PURPLE, BLACK, GREY];
     let mut figure = Figure::new(&plot.title, &plot.x_title, &plot.y_title);
     figure.wide = plot.wide;
+    figure.note = Some(plot.note.clone()).filter(|note| !note.is_empty());
     for (i, curve) in plot.curves.iter().enumerate() {
         let shape = if curve.steps { json!({ "line": { "shape": "hv" } }) } else { json!({}) };
         figure.push(&curve.name, &curve.x, &curve.y, full(COLOURS[i % COLOURS.len()]), &shape);

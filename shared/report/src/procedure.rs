@@ -13,12 +13,10 @@ use record::LogReader;
 use serde_json::{Value, json};
 
 use crate::figure::{BLUE, Figure, GREY, ORANGE, POINTS_MAX, PURPLE, escaped, full};
-use crate::html::plotly_js;
 use crate::run::Run;
+use crate::shell;
 
 const DEG: f64 = 180.0 / std::f64::consts::PI;
-const STYLE: &str = include_str!("report.css");
-const SCRIPT: &str = include_str!("report.js");
 
 /// What is assessed, with what the procedure must be told.
 #[derive(Debug, Clone, PartialEq)]
@@ -186,15 +184,7 @@ pub struct Entry<'a> {
 
 /// A page on one procedure, of one run or a series. Self-contained, offline, printable.
 pub fn procedure_html(title: &str, facts: &[String], entries: &[Entry<'_>]) -> String {
-    let mut page = String::with_capacity(6 << 20);
-    page += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n";
-    page += "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; \
-             script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:\">\n";
-    page += "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n";
-    page += &format!(
-        "<title>{} – Kingpin procedure</title>\n<style>{STYLE}</style></head><body>\n",
-        escaped(title)
-    );
+    let mut page = shell::open(&format!("{title} – Kingpin procedure"));
     let rulings = || entries.iter().flat_map(|e| &e.assessment.rulings);
     let failed = rulings().any(|r| r.kept == Ok(false));
     let valid = entries.iter().all(|e| e.assessment.valid());
@@ -211,27 +201,12 @@ pub fn procedure_html(title: &str, facts: &[String], entries: &[Entry<'_>]) -> S
         facts.join("")
     );
     let figures = plots(entries);
-    page += "<section id=\"figures\"><div class=\"figures\">\n";
-    for (i, figure) in figures.iter().enumerate() {
-        let wide = if figure.wide { " wide" } else { "" };
-        let note = figure
-            .note
-            .as_deref()
-            .map_or_else(String::new, |n| format!("<p class=\"note\">{}</p>", escaped(n)));
-        page += &format!(
-            "<figure class=\"figure{wide}\"><h3>{}</h3><div class=\"plot\" id=\"figure-{i}\"></div>{note}</figure>\n",
-            escaped(&figure.title)
-        );
-    }
-    page += "</div></section>\n";
+    shell::section(&mut page, &figures);
     for entry in entries {
         tables(&mut page, entry);
     }
     page += "</main>\n";
-    let data: Vec<Value> = figures.iter().map(Figure::to_json).collect();
-    let data = Value::Array(data).to_string().replace('<', "\\u003c");
-    page += &format!("<script type=\"application/json\" id=\"data\">{data}</script>\n");
-    page += &format!("<script>{}</script>\n<script>{SCRIPT}</script>\n</body></html>\n", plotly_js());
+    shell::close(&mut page, &figures);
     page
 }
 

@@ -60,9 +60,7 @@ pub fn clean(args: &CleanArgs) -> Exit {
             if !args.discard && !table::list_bench(&bench)?.is_empty() {
                 output::note(format!("{name}: {}", supervisor::save_before_cleaning(&lock)));
             }
-            let removed = table::remove_bench(&lock)?;
-            assembly::manifest::Manifest::remove(&bench.directory());
-            Ok(removed)
+            supervisor::remove_left_overs(&lock)
         });
         match removed {
             Ok(count) => output::line(format!("{name}: removed {count} segments")),

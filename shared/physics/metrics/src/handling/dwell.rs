@@ -98,15 +98,7 @@ pub fn sine_with_dwell(signals: &Signals, amplitude_at_0_3_g_rad: Option<f64>, c
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const CAR: CarFacts = CarFacts {
-        steering_ratio: 16.0,
-        wheelbase_m: 2.7,
-        mass_kg: 1500.0,
-        width_m: 1.8,
-        front_m: 2.2,
-        rear_m: 2.3,
-    };
+    use crate::handling::tests::CAR;
 
     /// A car whose yaw rate is proportional to the angle until the completion of steer, then decays.
     fn run(decay_s: f64, side: f64) -> Signals {

@@ -246,3 +246,16 @@ fn first_passage(values: &[f64], level: f64, rising: bool) -> Option<f64> {
         passes.then(|| i as f64 + before / (before - after))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    /// A car for the procedures' tests.
+    pub(super) const CAR: super::CarFacts = super::CarFacts {
+        steering_ratio: 16.0,
+        wheelbase_m: 2.7,
+        mass_kg: 1500.0,
+        width_m: 1.8,
+        front_m: 2.2,
+        rear_m: 2.3,
+    };
+}

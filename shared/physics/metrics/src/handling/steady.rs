@@ -98,15 +98,7 @@ pub fn steady_turn(signals: &Signals, method: SteadyMethod, car: &CarFacts) -> A
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const CAR: CarFacts = CarFacts {
-        steering_ratio: 16.0,
-        wheelbase_m: 2.7,
-        mass_kg: 1500.0,
-        width_m: 1.8,
-        front_m: 2.2,
-        rear_m: 2.3,
-    };
+    use crate::handling::tests::CAR;
 
     /// A linear car with understeer gradient U, on a circle or at a speed, turning right.
     fn run(understeer: f64, radius: Option<f64>) -> Signals {

@@ -174,15 +174,7 @@ pub fn random_steer(signals: &Signals, car: &CarFacts) -> Assessment {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const CAR: CarFacts = CarFacts {
-        steering_ratio: 16.0,
-        wheelbase_m: 2.7,
-        mass_kg: 1500.0,
-        width_m: 1.8,
-        front_m: 2.2,
-        rear_m: 2.3,
-    };
+    use crate::handling::tests::CAR;
 
     /// Second-order yaw response of known frequency and damping to a fast step, started at rest at 2 s.
     fn second_order(speed_km_h: f64, damping: f64, rise_s: f64) -> Signals {
