@@ -4,6 +4,9 @@
 use kingpin_tests::support::{kingpin, peer};
 use std::process::Command;
 
+#[path = "exports/bridge.rs"]
+mod bridge;
+
 const READ: &str = r#"
 import csv, math, struct, sys
 from asammdf import MDF

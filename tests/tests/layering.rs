@@ -58,6 +58,10 @@ const LAYERS: &[(&str, &[&str])] = &[
         &["assembly", "config", "operator_link", "params", "record", "regions", "report", "safety", "table"],
     ),
     (
+        "bridge_service",
+        &["assembly", "console_service", "logger", "operator_link", "params", "record", "regions", "table"],
+    ),
+    (
         "supervisor",
         &["assembly", "config", "logger", "operator_link", "params", "record", "regions", "runtime", "table"],
     ),

@@ -216,8 +216,8 @@ impl Drop for Hub {
     }
 }
 
-/// Leaves the cores of the real-time services to them.
-fn keep_off(cores: &[u16]) {
+/// Leaves the cores of the real-time services to them, as far as there are others.
+pub fn keep_off(cores: &[u16]) {
     if cores.is_empty() {
         return;
     }

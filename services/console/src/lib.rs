@@ -22,6 +22,8 @@ mod signals;
 mod source;
 mod token;
 
+pub use hub::keep_off;
+pub use operator::Operator;
 pub use server::{Console, ConsoleError, Options};
 pub use session::MESSAGE_MAX;
 pub use token::Token;

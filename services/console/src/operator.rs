@@ -15,20 +15,26 @@ type Asked = (Request, oneshot::Sender<Result<Answer, LinkError>>);
 
 /// The end for the server's tasks.
 #[derive(Clone)]
-pub(crate) struct Operator {
+pub struct Operator {
     queue: SyncSender<Asked>,
 }
 
 impl Operator {
     /// Starts the thread; it ends when the last clone has gone.
-    pub(crate) fn start(bench: Bench) -> std::io::Result<Self> {
+    ///
+    /// # Errors
+    /// The system's, if there is no thread to be had.
+    pub fn start(bench: Bench) -> std::io::Result<Self> {
         let (queue, asked) = sync_channel(QUEUE);
         std::thread::Builder::new().name("operator".to_owned()).spawn(move || serve(&bench, &asked))?;
         Ok(Operator { queue })
     }
 
     /// Asks and waits for the answer.
-    pub(crate) async fn ask(&self, request: Request) -> Result<Answer, String> {
+    ///
+    /// # Errors
+    /// In words: nobody there, no answer in time, too many requests.
+    pub async fn ask(&self, request: Request) -> Result<Answer, String> {
         let (reply, answer) = oneshot::channel();
         self.queue.try_send((request, reply)).map_err(|error| match error {
             TrySendError::Full(_) => "too many requests at a time".to_owned(),

@@ -68,6 +68,8 @@ pub enum Command {
     Operate(crate::commands::param::OperateArgs),
     /// The operator's page in a browser: live, or on a log
     Console(crate::commands::console::ConsoleArgs),
+    /// A live bench for Foxglove, Lichtblick or PlotJuggler (Foxglove WebSocket protocol)
+    Bridge(crate::commands::bridge::BridgeArgs),
     /// The essentials of a running bench in a terminal
     Monitor(crate::commands::monitor::MonitorArgs),
     /// Remove what crashed benches left in shared memory

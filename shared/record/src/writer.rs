@@ -163,8 +163,7 @@ impl LogWriter {
             return false;
         }
         self.buffer.clear();
-        self.buffer.extend_from_slice(&CDR_HEADER);
-        self.buffer.extend_from_slice(bytemuck::cast_slice(words));
+        put_message(words, &mut self.buffer);
         let put = self.put(self.channels[region as usize], tick);
         self.stats.messages += u64::from(put);
         put
@@ -316,15 +315,27 @@ pub(crate) fn put_header<W: Write + Seek>(
     Ok(())
 }
 
+/// Topic of a region.
+pub fn topic(region: &Region) -> String {
+    format!("/{}", region.name)
+}
+
+/// Name of a region's schema; its text is [`regions::Layout::ros2_message`].
+pub fn schema_name(region: &Region) -> String {
+    format!("kingpin/msg/{}", region.layout.name)
+}
+
+/// Appends a region's words as a message: CDR, little endian.
+pub fn put_message(words: &[u64], message: &mut Vec<u8>) {
+    message.extend_from_slice(&CDR_HEADER);
+    message.extend_from_slice(bytemuck::cast_slice(words));
+}
+
 /// Schema and channel of a region. The channel's metadata name every word, so that a log can be read
 /// without the program that wrote it.
 fn add_region<W: Write + Seek>(writer: &mut Writer<W>, region: &Region) -> mcap::McapResult<u16> {
     let layout = &region.layout;
-    let schema = writer.add_schema(
-        &format!("kingpin/msg/{}", layout.name),
-        "ros2msg",
-        layout.ros2_message().as_bytes(),
-    )?;
+    let schema = writer.add_schema(&schema_name(region), "ros2msg", layout.ros2_message().as_bytes())?;
     let columns: Vec<[String; 3]> = layout
         .columns()
         .into_iter()
@@ -345,7 +356,7 @@ fn add_region<W: Write + Seek>(writer: &mut Writer<W>, region: &Region) -> mcap:
         ("layout_hash".to_owned(), format!("{:016x}", layout.hash())),
         ("columns".to_owned(), serde_json::to_string(&columns).unwrap_or_default()),
     ]);
-    writer.add_channel(schema, &format!("/{}", region.name), "cdr", &metadata)
+    writer.add_channel(schema, &topic(region), "cdr", &metadata)
 }
 
 #[cfg(test)]

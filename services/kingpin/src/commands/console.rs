@@ -26,66 +26,98 @@ Examples:
 pub struct ConsoleArgs {
     /// Directory of a run, or a log file, to replay first
     pub log: Option<PathBuf>,
-    /// Name of the bench
-    #[arg(long, default_value = "bench", value_name = "NAME")]
-    pub name: String,
-    /// Address to listen on
-    #[arg(long, default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_name = "ADDRESS")]
-    pub listen: IpAddr,
+    #[command(flatten)]
+    door: Door,
     /// Port; 0 is a free one
     #[arg(long, default_value_t = 8470, value_name = "PORT")]
     pub port: u16,
-    /// A further name under which the page is asked for, with its port; may be repeated
-    #[arg(long, value_name = "HOST:PORT")]
-    pub host: Vec<String>,
     /// Directory of the runs that are listed and of those that are started here
     #[arg(long, default_value = "runs", value_name = "DIR")]
     pub runs: PathBuf,
     /// Replace a value in the runs that are started here, as in `kingpin run`; may be repeated
     #[arg(long, value_name = "PATH=VALUE")]
     pub set: Vec<String>,
-    /// File with the token instead of a random one: at least 16 letters and digits
-    #[arg(long, value_name = "FILE")]
-    pub token_file: Option<PathBuf>,
 }
 
-/// `kingpin console`.
-pub fn console(args: &ConsoleArgs) -> Exit {
+/// Where a server of a bench listens and whom it lets write.
+#[derive(Debug, Args)]
+pub struct Door {
+    /// Name of the bench
+    #[arg(long, default_value = "bench", value_name = "NAME")]
+    name: String,
+    /// Address to listen on
+    #[arg(long, default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_name = "ADDRESS")]
+    listen: IpAddr,
+    /// A further name under which it is asked for, with its port; may be repeated
+    #[arg(long, value_name = "HOST:PORT")]
+    pub host: Vec<String>,
+    /// File with the token instead of a random one: at least 16 letters and digits
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+}
+
+impl Door {
+    /// The bench and the token.
+    ///
+    /// # Errors
+    /// In words, with the exit code.
+    pub fn open(&self) -> Result<(Bench, Token), (Exit, String)> {
+        let bench = Bench::new(&self.name).map_err(|e| (Exit::BadInput, e.to_string()))?;
+        let token = match &self.token_file {
+            None => Token::random().map_err(|e| (Exit::Unavailable, e.to_string()))?,
+            Some(file) => {
+                let bad = |reason: String| (Exit::BadInput, format!("{}: {reason}", file.display()));
+                let text = std::fs::read_to_string(file).map_err(|e| bad(e.to_string()))?;
+                let rule = "must hold at least 16 letters and digits";
+                Token::given(text.trim()).ok_or_else(|| bad(rule.to_owned()))?
+            }
+        };
+        Ok((bench, token))
+    }
+
+    /// Where to listen.
+    pub fn address(&self, port: u16) -> SocketAddr {
+        SocketAddr::new(self.listen, port)
+    }
+
+    /// Says so when others can look.
+    pub fn warn(&self, address: SocketAddr) {
+        if !address.ip().is_loopback() {
+            output::note("everybody on that network can look at this bench; what is sent is not encrypted");
+        }
+    }
+}
+
+/// Set when the process is asked to end; asked a second time, it ends at once.
+pub fn stop_flag() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         let _ = signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop));
         let _ = signal_hook::flag::register(signal, Arc::clone(&stop));
     }
-    let bench = match Bench::new(&args.name) {
-        Ok(bench) => bench,
-        Err(error) => return refuse(Exit::BadInput, error),
+    stop
+}
+
+/// `kingpin console`.
+pub fn console(args: &ConsoleArgs) -> Exit {
+    let stop = stop_flag();
+    let (bench, token) = match args.door.open() {
+        Ok(open) => open,
+        Err((exit, error)) => return refuse(exit, error),
     };
     if let Some(log) = &args.log
         && let Err(error) = record::log_files(log)
     {
         return refuse(Exit::BadInput, error);
     }
-    let token = match &args.token_file {
-        None => Token::random().map_err(|e| (Exit::Unavailable, e.to_string())),
-        Some(file) => std::fs::read_to_string(file)
-            .map_err(|e| (Exit::BadInput, format!("{}: {e}", file.display())))
-            .and_then(|text| {
-                let rule = "must hold at least 16 letters and digits";
-                Token::given(text.trim()).ok_or((Exit::BadInput, format!("{}: {rule}", file.display())))
-            }),
-    };
-    let token = match token {
-        Ok(token) => token,
-        Err((exit, error)) => return refuse(exit, error),
-    };
     let executable = match std::env::current_exe() {
         Ok(path) => path,
         Err(error) => return refuse(Exit::Unavailable, error),
     };
     let options = Options {
         bench,
-        listen: SocketAddr::new(args.listen, args.port),
-        hosts: args.host.clone(),
+        listen: args.door.address(args.port),
+        hosts: args.door.host.clone(),
         token: token.clone(),
         runs: args.runs.clone(),
         log: args.log.clone(),
@@ -100,9 +132,7 @@ pub fn console(args: &ConsoleArgs) -> Exit {
         Err(error) => return refuse(Exit::Unavailable, error),
     };
     let address = console.address();
-    if !address.ip().is_loopback() {
-        output::note("everybody on that network can look at this bench; what is sent is not encrypted");
-    }
+    args.door.warn(address);
     output::line(format!("console: http://{address}/#token={}", token.text()));
     match console.serve(&stop) {
         Ok(()) => Exit::Done,
@@ -110,7 +140,8 @@ pub fn console(args: &ConsoleArgs) -> Exit {
     }
 }
 
-fn refuse(exit: Exit, error: impl std::fmt::Display) -> Exit {
+/// Ends with an error in words.
+pub fn refuse(exit: Exit, error: impl std::fmt::Display) -> Exit {
     output::note(error);
     exit
 }

@@ -2,6 +2,7 @@
 
 mod bench;
 mod blackbox;
+pub mod bridge;
 mod can;
 pub mod can_args;
 mod can_bus;
@@ -55,6 +56,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Attach(args) => run::attach(&args),
         Command::Blackbox(args) => blackbox::blackbox(&args),
         Command::Clean(args) => blackbox::clean(&args),
+        Command::Bridge(args) => bridge::bridge(&args),
         Command::Console(args) => console::console(&args),
         Command::Monitor(args) => monitor::monitor(&args),
         Command::Param(args) => param::param(&args),
