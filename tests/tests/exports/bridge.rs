@@ -160,7 +160,8 @@ fn a_foxglove_client_gets_every_tick_as_logged_and_tunes_only_with_the_token() {
     let word = |start: &str| line.split_whitespace().find_map(|word| word.strip_prefix(start)).unwrap();
     let address = word("ws://").trim_end_matches('/').to_owned();
     let token = line.rsplit_once("token=").unwrap().1.split_whitespace().next().unwrap().to_owned();
-    let run = ["run", "growing_slalom_80", "--no-report", "--duration", "12", "--out", "run", "--name", &name];
+    let run =
+        ["run", "growing_slalom_80", "--no-report", "--duration", "12", "--out", "run", "--name", &name];
     let mut run = started(&run, folder.path());
     // Before there is a bench, and while it starts: clients may be there already.
     let (parameter, value) = ("tyre.front.friction_scale", "0.9");
