@@ -14,7 +14,7 @@ use vehicle::{AxleKinematics, Vehicle};
 /// [`AssemblyError`] naming the part and everything that is wrong with it.
 pub fn build_car(resolved: &ResolvedCar, step_s: f64) -> Result<Vehicle, AssemblyError> {
     let maps = maps(&resolved.car, resolved.front_axle.as_ref(), resolved.rear_axle.as_ref(), None)?;
-    assemble(&resolved.car, maps, &resolved.tyres, step_s)
+    assemble(&resolved.car, maps, &resolved.tyres, step_s, true)
 }
 
 /// Kinematics maps, front and rear: swept from hardpoints where the car names them (or found in the directory `kept`), else
@@ -45,12 +45,13 @@ pub(crate) fn maps(
     Ok([map("front axle", front, &car.front, rack_max_m)?, map("rear axle", rear, &car.rear, 0.0)?])
 }
 
-/// Car, maps and tyres (front, rear; or one for both) together.
+/// Car, maps and tyres (front, rear; or one for both) together; not `settled`: its state is loaded before it is stepped.
 pub(crate) fn assemble(
     car: &Car,
     maps: [AxleKinematics; 2],
     tyres: &[TextFile],
     step_s: f64,
+    settled: bool,
 ) -> Result<Vehicle, AssemblyError> {
     let parse = |index: usize| match tyres.get(index).or(tyres.first()) {
         Some(file) => {
@@ -59,7 +60,8 @@ pub(crate) fn assemble(
         None => Err(AssemblyError::new("car", ["no tyre file is named"])),
     };
     let (front, rear) = (parse(0)?, parse(1)?);
-    Vehicle::new(car, maps, [front.clone(), front, rear.clone(), rear], step_s).map_err(|broken| {
+    let make = if settled { Vehicle::new } else { Vehicle::unsettled };
+    make(car, maps, [front.clone(), front, rear.clone(), rear], step_s).map_err(|broken| {
         AssemblyError::new("car", broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
     })
 }
