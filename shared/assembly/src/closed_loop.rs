@@ -48,7 +48,14 @@ pub fn run(resolved: &ResolvedBench, mut watch: impl FnMut(&Tick) -> bool) -> Re
     let table = Table::create_local(&region_specs(period_s), info).map_err(refused)?;
     let bind = |kind| Bound::new(build(kind, resolved)?, &table, true).map_err(refused);
     let models = vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
-    let mut chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
+    let (mut models, mut order) = (models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
+    let executable = std::env::current_exe().map_err(refused)?;
+    let (fmus, _faults, _folders) = crate::build_fmus(resolved, &executable)?;
+    for model in fmus {
+        order.push((models.len(), 0));
+        models.push(Bound::new(model, &table, true).map_err(refused)?);
+    }
+    let mut chain = Chain::new(models, order);
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(refused)?;
     let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(refused)?;
     let schedule =

@@ -16,6 +16,8 @@ pub enum When {
     SameTick,
     /// The newest there is. In lockstep the tick being stepped, so that runs are equal.
     Latest,
+    /// The tick before the one being stepped, never waited for: the newest up to it. In lockstep exactly that one.
+    Previous,
 }
 
 /// A declared input of a node.
@@ -92,7 +94,14 @@ impl Input {
 
     fn refresh(&mut self, n: u64, when: When, lockstep: bool) {
         self.fresh = false;
-        if when == When::SameTick || lockstep {
+        if when == When::Previous {
+            let Some(before) = n.checked_sub(1) else { return };
+            if self.reader.read(before, &mut self.words) == Read::Ready {
+                (self.tick, self.fresh) = (before, true);
+            } else if !lockstep && let Some(latest) = self.reader.latest(before, &mut self.words) {
+                self.tick = latest.tick;
+            }
+        } else if when == When::SameTick || lockstep {
             if self.reader.read(n, &mut self.words) == Read::Ready {
                 (self.tick, self.fresh) = (n, true);
             }
@@ -273,7 +282,11 @@ impl<M: Model + ?Sized> Bound<M> {
             .reads
             .iter()
             .zip(&node.inputs.0)
-            .find(|(spec, input)| (self.lockstep || spec.when == When::SameTick) && input.reader.head() <= n)
+            .find(|(spec, input)| match spec.when {
+                When::SameTick => input.reader.head() <= n,
+                When::Latest => self.lockstep && input.reader.head() <= n,
+                When::Previous => self.lockstep && input.reader.head() < n,
+            })
             .map(|(spec, _)| spec.region)
     }
 
@@ -299,7 +312,8 @@ impl<M: Model + ?Sized> Bound<M> {
         let bound = &mut self.nodes[node];
         for (spec, input) in bound.spec.reads.iter().zip(&mut bound.inputs.0) {
             input.refresh(n, spec.when, self.lockstep);
-            if self.lockstep && !input.fresh {
+            let begins = spec.when == When::Previous && n == 0;
+            if self.lockstep && !input.fresh && !begins {
                 return Err(TickError::NotReady { node: bound.spec.name, region: spec.region, tick: n });
             }
         }
