@@ -5,6 +5,7 @@ use crate::axle::Axle;
 use crate::can::Can;
 use crate::car::Car;
 use crate::check::Broken;
+use crate::fmu::ResolvedFmu;
 use crate::library::Kind;
 use crate::load::{self, Draft, Loaded, REFERENCE_BYTES_MAX, Section};
 use crate::model::ModelFiles;
@@ -56,6 +57,9 @@ pub struct ResolvedBench {
     pub driveline_model: Option<ModelFiles>,
     /// The CAN bus, if the scenario asks for one.
     pub can: Option<ResolvedCan>,
+    /// The FMUs, in the scenario's order.
+    #[serde(default)]
+    pub fmus: Vec<ResolvedFmu>,
     /// Recorded histories, if the scenario names any.
     pub record: Option<RecordedHistory>,
     /// The road's surface, if the scenario names one.
@@ -134,6 +138,7 @@ impl ResolvedBench {
         let surface = scenario.as_ref().and_then(|loaded| assembly.surface(loaded));
         let wants_can = scenario.as_ref().is_some_and(|loaded| loaded.value.can.is_some());
         let can = if wants_can { assembly.can(&draft).map(Some) } else { Some(None) };
+        let fmus = scenario.as_ref().map_or_else(Vec::new, |loaded| assembly.fmus(loaded));
         let Assembly { mut problems, sources, .. } = assembly;
         problems.sort();
         match (scenario, car, rig, unit, record, can) {
@@ -152,6 +157,7 @@ impl ResolvedBench {
                     unit_model,
                     driveline_model: car.driveline_model,
                     can,
+                    fmus,
                     record,
                     surface,
                     sources,
@@ -169,6 +175,12 @@ impl ResolvedBench {
         canonical.places.clear();
         if let Some(record) = &mut canonical.scenario.record {
             record.directory = None;
+        }
+        for fmu in &mut canonical.fmus {
+            fmu.path.clear();
+        }
+        for fmu in canonical.scenario.fmu.iter_mut().flatten() {
+            fmu.file.clear();
         }
         // Through `Value`, whose maps are sorted; numbers are finite since they passed the schema.
         serde_json::to_value(&canonical).map(|value| value.to_string()).unwrap_or_default()
@@ -262,6 +274,16 @@ fn places(scenario: &Loaded<Scenario>) -> BTreeMap<String, String> {
         entries("variables", count(equations.variables.as_ref().map(Vec::len)), &fields);
         entries("imports", count(equations.imports.as_ref().map(Vec::len)), &["variable", "expression"]);
         entries("outputs", count(equations.outputs.as_ref().map(Vec::len)), &fields[..3]);
+    }
+    for (i, fmu) in scenario.value.fmu.iter().flatten().enumerate() {
+        keys.extend(["name", "file", "every_ticks"].map(|key| format!("fmu[{i}].{key}")));
+        let maps = [("parameters", &fmu.parameters), ("start", &fmu.start)];
+        let named =
+            maps.iter().flat_map(|(map, values)| values.iter().flatten().map(move |(name, _)| (*map, name)));
+        let named = named.chain(fmu.inputs.keys().map(|name| ("inputs", name)));
+        let named = named.chain(fmu.outputs.keys().map(|name| ("outputs", name)));
+        let named = named.chain(fmu.units.iter().flatten().map(|(name, _)| ("units", name)));
+        keys.extend(named.map(|(map, name)| format!("fmu[{i}].{map}.{name}")));
     }
     keys.into_iter().map(|key| (key.clone(), scenario.written_at(&key))).collect()
 }
@@ -450,6 +472,24 @@ impl<'a> Assembly<'a> {
                 None
             }
         }
+    }
+
+    fn fmus(&mut self, loaded: &Loaded<Scenario>) -> Vec<ResolvedFmu> {
+        let mut all = Vec::new();
+        for i in 0..loaded.value.fmu.as_ref().map_or(0, Vec::len) {
+            let key = format!("fmu[{i}].file");
+            let found = named_path(loaded, &key).and_then(|path| {
+                let path = std::path::absolute(&path).map_err(|e| e.to_string())?;
+                let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+                let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+                Ok(ResolvedFmu { path: path.display().to_string(), sha256 })
+            });
+            match found {
+                Ok(fmu) => all.push(fmu),
+                Err(rule) => self.problems.push(loaded.violation(Mistake::NotFound, &key, rule)),
+            }
+        }
+        all
     }
 
     fn tyre(&mut self, car: &Draft, key: &str) -> Option<TextFile> {

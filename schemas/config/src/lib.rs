@@ -12,6 +12,7 @@ pub mod can;
 pub mod car;
 pub mod check;
 pub mod equations;
+pub mod fmu;
 pub mod library;
 pub mod live;
 pub mod load;

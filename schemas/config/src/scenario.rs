@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::can::CanRun;
 pub use crate::equations::Equations;
+pub use crate::fmu::FmuRun;
 pub use crate::live::ParameterChange;
 pub use crate::road::{Crosswind, Friction, FrictionPatch, Outside, Road, Surface};
 pub use crate::steer::{
@@ -74,6 +75,8 @@ pub struct Scenario {
     pub record: Option<Record>,
     /// A CAN bus with the ECU under test, or a virtual one; absent: none.
     pub can: Option<CanRun>,
+    /// Users' own models as FMUs, in the loop beside the car.
+    pub fmu: Option<Vec<FmuRun>>,
     /// Measured signals to lay over the results.
     pub compare: Option<Vec<Compare>>,
     /// Changes of live parameters during the run, in order of time.
@@ -358,6 +361,9 @@ impl Check for Scenario {
         }
         if let Some(can) = &self.can {
             c.within("can", |c| can.check(c));
+        }
+        if let Some(fmus) = &self.fmu {
+            c.within("fmu", |c| crate::fmu::check(fmus, c));
         }
         if let Some(changes) = &self.parameters {
             let in_order = changes.windows(2).all(|pair| pair[0].at_s() <= pair[1].at_s());

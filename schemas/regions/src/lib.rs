@@ -63,11 +63,25 @@ regions! {
     "vehicle_timing" VehicleTiming "vehicle" Timing false Seconds;
     "multibody_timing" MultibodyTiming "multibody" Timing false Seconds;
     "can" Can "can" Can true Seconds;
+    "fmu_0" Fmu0 "fmu_0" Fmu true Seconds;
+    "fmu_1" Fmu1 "fmu_1" Fmu true Seconds;
+    "fmu_2" Fmu2 "fmu_2" Fmu true Seconds;
+    "fmu_3" Fmu3 "fmu_3" Fmu true Seconds;
+    "fmu_0_timing" Fmu0Timing "fmu_0" Timing false Seconds;
+    "fmu_1_timing" Fmu1Timing "fmu_1" Timing false Seconds;
+    "fmu_2_timing" Fmu2Timing "fmu_2" Timing false Seconds;
+    "fmu_3_timing" Fmu3Timing "fmu_3" Timing false Seconds;
     "logger_status" LoggerStatus "logger" LoggerStatus false Ticks(64);
     "vehicle_checkpoint" VehicleCheckpoint "vehicle" VehicleCheckpoint true Ticks(16);
     "multibody_checkpoint" MultibodyCheckpoint "multibody" MultibodyCheckpoint true Ticks(16);
     "faults" Faults "campaign" Fault false Ticks(64);
 }
+
+/// Regions of the FMUs, in the scenario's order.
+pub const FMUS: [RegionId; 4] = [RegionId::Fmu0, RegionId::Fmu1, RegionId::Fmu2, RegionId::Fmu3];
+/// Their timing regions.
+pub const FMU_TIMINGS: [RegionId; 4] =
+    [RegionId::Fmu0Timing, RegionId::Fmu1Timing, RegionId::Fmu2Timing, RegionId::Fmu3Timing];
 
 impl RegionId {
     /// The region itself.

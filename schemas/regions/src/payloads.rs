@@ -69,7 +69,7 @@ payload! {
 
 payload! {
     /// The car at the end of the tick.
-    VehicleState version 2 {
+    VehicleState version 3 {
         /// Tick.
         tick: u64 One "1",
         /// Time the state is valid for: the end of the tick.
@@ -152,6 +152,12 @@ payload! {
         kingpin_moment_n_m: f64 Side "N*m",
         /// The user's outputs in the order of the scenario, each in its unit there; unused ones NaN.
         user_output: f64 Index(16) "user",
+        /// Exports of the car that FMUs read, in the order of their names; unused ones NaN.
+        export: f64 Index(16) "SI",
+        /// Tick of each FMU's outputs that act, u64::MAX where none does.
+        used_fmu: u64 Index(4) "1",
+        /// Ticks in which outputs of each FMU were held, because they were late, missing or refused.
+        fmu_held_count: u64 Index(4) "1",
     }
 }
 
@@ -410,6 +416,38 @@ payload! {
 }
 
 payload! {
+    /// One FMU at the end of the tick: what it was given, what it put out.
+    Fmu version 1 {
+        /// Tick.
+        tick: u64 One "1",
+        /// Time the outputs are valid for: the end of the tick.
+        time_s: f64 One "s",
+        /// Bits: see `fmu_flags`.
+        flags: u64 One "1",
+        /// Tick of the rig measurement used.
+        used_rig_measurement: u64 One "1",
+        /// Tick of the vehicle state used.
+        used_vehicle_state: u64 One "1",
+        /// Tick of the suspension state used.
+        used_suspension_state: u64 One "1",
+        /// Steps made since its process began.
+        step_count: u64 One "1",
+        /// Inputs that were absent or not finite and held, since its process began.
+        held_input_count: u64 One "1",
+        /// Steps whose outputs were not finite and held, since its process began.
+        refused_count: u64 One "1",
+        /// Steps over the budget, whose outputs were not used, since its process began.
+        over_budget_count: u64 One "1",
+        /// Time of the step; NaN in lockstep.
+        compute_s: f64 One "s",
+        /// Inputs in the order of their names, in the bench's units, before conversion; unused ones NaN.
+        input: f64 Index(32) "SI",
+        /// Outputs in the order of their names, in the units of what they act on; unused ones NaN.
+        output: f64 Index(16) "SI",
+    }
+}
+
+payload! {
     /// How far the logger is.
     LoggerStatus version 1 {
         /// Count of this status: it is published when there is news, not each tick.
@@ -527,6 +565,8 @@ pub mod model_flags {
     pub const EQUATION_FAULT: u64 = 1 << 7;
     /// A wheel is beyond the grid of the road's surface, or in a hole of it.
     pub const OFF_SURFACE: u64 = 1 << 8;
+    /// An FMU is lost: its outputs are older than the limit.
+    pub const FMU_LOST: u64 = 1 << 9;
 }
 
 /// Bits of `flags` in rig measurement and status.
@@ -541,6 +581,24 @@ pub mod rig_flags {
     pub const REFUSED_COMMAND: u64 = 1 << 3;
     /// The plant is virtual.
     pub const VIRTUAL: u64 = 1 << 4;
+}
+
+/// Bits of `flags` in an FMU's region.
+pub mod fmu_flags {
+    /// An input was absent or not finite: its last value was set.
+    pub const HELD_INPUT: u64 = 1 << 0;
+    /// The tick was stepped late, to catch up.
+    pub const CAUGHT_UP: u64 = 1 << 1;
+    /// An output was not finite: all are the last good ones.
+    pub const REFUSED_OUTPUT: u64 = 1 << 2;
+    /// The step took longer than the budget: its outputs are the last ones that came in time.
+    pub const OVER_BUDGET: u64 = 1 << 3;
+    /// An output was clamped to the range that the scenario gives.
+    pub const CLAMPED: u64 = 1 << 4;
+    /// A tick between two steps: the last outputs.
+    pub const BETWEEN: u64 = 1 << 5;
+    /// A function of the FMU failed, or its process ended: the outputs are the last ones, for good.
+    pub const FAILED: u64 = 1 << 6;
 }
 
 /// Bits of `flags` in the CAN region.

@@ -52,6 +52,8 @@ pub enum Command {
     Rig(crate::commands::rig::RigArgs),
     /// CAN: check DBC and mapping files, watch a bus, send on it, play the ECU
     Can(crate::commands::can_args::CanArgs),
+    /// FMUs, users' own models: what one is, whether it loads, what a step costs
+    Fmu(crate::commands::fmu::FmuArgs),
     /// Run a fault campaign: kill, stop, stall, spoil, and check what the bench makes of it
     Fault(FaultArgs),
     /// Measure timing: the rig's wake-ups beside bare timers in the same run
@@ -775,6 +777,21 @@ pub enum ServiceName {
     Multibody,
     /// The CAN bus.
     Can,
+    /// The first FMU.
+    #[value(name = "fmu_0")]
+    Fmu0,
+    /// The second FMU.
+    #[value(name = "fmu_1")]
+    Fmu1,
+    /// The third FMU.
+    #[value(name = "fmu_2")]
+    Fmu2,
+    /// The fourth FMU.
+    #[value(name = "fmu_3")]
+    Fmu3,
+    /// An FMU for another process, asked over standard input.
+    #[value(name = "fmu_host")]
+    FmuHost,
     /// The log.
     Logger,
     /// Attaches and ends: what a restart costs at least.

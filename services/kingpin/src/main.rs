@@ -3,6 +3,7 @@
 mod args;
 mod commands;
 mod exit;
+mod heap;
 mod output;
 
 use clap::Parser;

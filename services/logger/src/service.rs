@@ -102,11 +102,18 @@ pub fn serve(bench: &Bench, mut note: impl FnMut(&str)) -> Result<Finished, Logg
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)));
     let t0 = wait_for_start(&table).map_err(|e| LoggerError::Service(ServiceError::Tick(e)))?;
     let poll = if manifest.drive == Drive::Lockstep { POLL_LOCKSTEP_NS } else { POLL_NS };
+    let lockstep = manifest.drive == Drive::Lockstep;
+    let fmus = manifest.resolved.fmus.len();
     let with_can = manifest.drive == Drive::Lockstep && manifest.resolved.can.is_some();
     let make = Box::new(move || create_log(&manifest, t0));
     let mut logger = Logger::new(&table, make).map_err(|e| LoggerError::Service(ServiceError::Table(e)))?;
     if with_can {
         logger.must_have(RegionId::Can);
+    }
+    if lockstep {
+        for id in regions::FMUS.iter().take(fmus) {
+            logger.must_have(*id);
+        }
     }
     Ok(run(logger, poll, || stop.load(Ordering::Relaxed)))
 }

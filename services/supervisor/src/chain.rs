@@ -3,7 +3,7 @@
 use crate::fault::{FaultChain, FaultError};
 use crate::{Observer, Operator, Outcome, Run, RunError, Watchers};
 use assembly::manifest::Drive;
-use assembly::{ServiceKind, build, build_can};
+use assembly::{AssemblyError, FmuFault, ServiceKind, build, build_can, build_fmus};
 use regions::{Payload, RegionId};
 use runtime::lockstep::Chain;
 use runtime::{Bound, clock, region_specs};
@@ -35,6 +35,16 @@ fn of_fault(error: FaultError) -> RunError {
     }
 }
 
+/// Tells once of each FMU that is no longer stepped.
+fn note_fmus(faults: &[FmuFault], told: &mut [bool], observer: &mut dyn Observer) {
+    for (fault, told) in faults.iter().zip(told) {
+        if let (Some(text), false) = (fault.told(), *told) {
+            *told = true;
+            observer.note(&format!("{text}; its last outputs are held"));
+        }
+    }
+}
+
 pub(crate) fn run(
     run: &Run,
     interrupt: &AtomicBool,
@@ -51,7 +61,19 @@ pub(crate) fn run(
         let model = build(kind, &run.resolved).map_err(RunError::Assembly)?;
         Bound::new(model, &table, true).map_err(RunError::Tick)
     };
+    let (fmus, fmu_faults, _folders) = if run.faults {
+        Default::default()
+    } else {
+        let executable = std::env::current_exe().map_err(|e| RunError::Io("kingpin".into(), e))?;
+        build_fmus(&run.resolved, &executable).map_err(RunError::Assembly)?
+    };
+    let mut told = vec![false; fmu_faults.len()];
     let mut driver = if run.faults {
+        if run.resolved.scenario.fmu.is_some() {
+            let faults =
+                vec!["a fault campaign in lockstep runs without FMUs: take them out of the scenario".into()];
+            return Err(RunError::Assembly(AssemblyError { part: "fmu", faults }));
+        }
         let chain = FaultChain::new(&run.resolved, &table, &run.fault_plan).map_err(of_fault)?;
         Driver::Faulty(Box::new(chain))
     } else {
@@ -61,6 +83,10 @@ pub(crate) fn run(
         if let Some(model) = build_can(&run.resolved, None, false).map_err(RunError::Assembly)? {
             models.push(Bound::new(model, &table, true).map_err(RunError::Tick)?);
             order.push((3, 0));
+        }
+        for model in fmus {
+            order.push((models.len(), 0));
+            models.push(Bound::new(model, &table, true).map_err(RunError::Tick)?);
         }
         Driver::Plain(Chain::new(models, order))
     };
@@ -80,6 +106,9 @@ pub(crate) fn run(
     if run.resolved.can.is_some() {
         log.must_have(RegionId::Can);
     }
+    for id in regions::FMUS.iter().take(fmu_faults.len()) {
+        log.must_have(*id);
+    }
     let abandoned = AtomicBool::new(false);
     let credit = specs[RegionId::RigStatus as usize].depth as u64 / 2;
 
@@ -98,6 +127,7 @@ pub(crate) fn run(
                     watchers.look();
                 }
                 observer.progress(n, operator.plan.end, &watchers.status);
+                note_fmus(&fmu_faults, &mut told, observer);
                 if interrupt.load(Ordering::Relaxed) && !interrupted {
                     interrupted = true;
                     operator.plan.stop_at(n);
@@ -120,6 +150,7 @@ pub(crate) fn run(
             }
             n += 1;
         }
+        note_fmus(&fmu_faults, &mut told, observer);
         let finished = thread.join();
         if finished.is_err() {
             observer.note("the logger thread died: the log ends early");
@@ -135,7 +166,7 @@ pub(crate) fn run(
         interrupted,
         last_status: watchers.status,
         restarts: [0; 4],
-        given_up: None,
+        given_up: fmu_faults.iter().find_map(FmuFault::told),
         logged: watchers.logged,
     })
 }

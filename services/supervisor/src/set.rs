@@ -23,6 +23,9 @@ pub const BELOW_SERVICES: i32 = 10;
 /// Longest wait for the services to end, behind the end of the run. [ns]
 const END_MAX_NS: Nanos = 10 * SECOND;
 
+/// Services of the FMUs, in the scenario's order.
+const FMU_SERVICES: [&str; 4] = ["fmu_0", "fmu_1", "fmu_2", "fmu_3"];
+
 /// Removes what a run keeps in memory and in the bench's directory, however the run ends.
 struct Cleaner<'a> {
     lock: &'a BenchLock,
@@ -45,6 +48,7 @@ pub(crate) fn run(
     interrupt: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Outcome, RunError> {
+    assembly::check_fmus(&run.resolved, drive == Drive::Paced).map_err(RunError::Assembly)?;
     let lock = run.bench.lock().map_err(RunError::Table)?;
     // Under the lock there is no other supervisor: what lies there is left over from a crash.
     clear_left_overs(&lock, observer)?;
@@ -65,17 +69,14 @@ pub(crate) fn run(
     }
     let executable = std::env::current_exe().map_err(|e| RunError::Io("kingpin".into(), e))?;
     let output = run.directory.join("services.txt");
-    let children = Children::start(
-        executable,
-        run.bench.name().as_str(),
-        &output,
-        run.restart_delay_ns,
-        if run.resolved.can.is_some() { &["can"] } else { &[] },
-    )
-    .map_err(|e| RunError::Io(output.clone(), e))?;
+    let fmus = run.resolved.fmus.len().min(FMU_SERVICES.len());
+    let can: &[&'static str] = if run.resolved.can.is_some() { &["can"] } else { &[] };
+    let optional = [can, &FMU_SERVICES[..fmus]].concat();
+    let children =
+        Children::start(executable, run.bench.name().as_str(), &output, run.restart_delay_ns, &optional)
+            .map_err(|e| RunError::Io(output.clone(), e))?;
     let children = cleaner.children.insert(children);
-    let with_can = run.resolved.can.is_some();
-    wait_until_ready(&table, children, drive, &output, interrupt, with_can)?;
+    wait_until_ready(&table, children, drive, &output, interrupt, &FMU_SERVICES[..fmus])?;
     for line in said(&output).lines() {
         observer.note(line);
     }
@@ -267,7 +268,7 @@ fn wait_until_ready(
     drive: Drive,
     output: &std::path::Path,
     interrupt: &AtomicBool,
-    with_can: bool,
+    further: &[&'static str],
 ) -> Result<(), RunError> {
     let limit = clock::now() + READY_MAX_NS;
     loop {
@@ -276,10 +277,9 @@ fn wait_until_ready(
             .iter()
             .map(|&id| (id, id.region()))
             .filter(|(id, region)| {
-                crate::SERVICES.contains(&region.writer)
+                (crate::SERVICES.contains(&region.writer) || further.contains(&region.writer))
                     && region.layout.name != Timing::LAYOUT.name
                     && *id != RegionId::LoggerStatus
-                    && (with_can || region.writer != "can")
             })
             .filter(|(id, _)| table.reader(*id as usize).header().writer().is_none())
             .map(|(_, region)| region.name)

@@ -54,6 +54,12 @@ pub fn run(resolved: &ResolvedBench, mut watch: impl FnMut(&Tick) -> bool) -> Re
         models.push(Bound::new(model, &table, true).map_err(refused)?);
         order.push((3, 0));
     }
+    let executable = std::env::current_exe().map_err(refused)?;
+    let (fmus, _faults, _folders) = crate::build_fmus(resolved, &executable)?;
+    for model in fmus {
+        order.push((models.len(), 0));
+        models.push(Bound::new(model, &table, true).map_err(refused)?);
+    }
     let mut chain = Chain::new(models, order);
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(refused)?;
     let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(refused)?;

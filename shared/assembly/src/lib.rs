@@ -8,6 +8,7 @@ mod can_node;
 mod car;
 pub mod closed_loop;
 mod driveline;
+mod fmu_node;
 mod guard;
 pub mod identification;
 mod kinematics;
@@ -22,6 +23,7 @@ pub mod wheel;
 
 pub use can_node::{CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu};
 pub use car::build_car;
+pub use fmu_node::{FmuFault, FmuNode, FmuPart, Unpacked, build_fmus, check_fmus, fmu_model, fmu_part};
 pub use guard::Guard;
 pub use kinematics::{axle_kinematics, axle_kinematics_in};
 

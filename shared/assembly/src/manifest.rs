@@ -88,7 +88,8 @@ impl Manifest {
         let _ = std::fs::remove_file(directory.join(FILE));
         for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(crate::kinematics::CACHE_PREFIX) {
-                let _ = std::fs::remove_file(entry.path());
+                // An unpacked FMU is a folder.
+                let _ = std::fs::remove_file(entry.path()).or_else(|_| std::fs::remove_dir_all(entry.path()));
             }
         }
     }

@@ -1,6 +1,7 @@
 //! The vehicle node: rack in, car out, and what the manoeuvre asks of the hand wheel.
 
 use crate::driveline::ComposedDriveline;
+use crate::fmu_node::FmuAction;
 use crate::guard::{Guard, Verdict};
 use crate::live::{Live, manoeuvre_time_s};
 use crate::{AssemblyError, car};
@@ -10,26 +11,38 @@ use manoeuvre::path::{Observed, PathDriver};
 use manoeuvre::{HandWheel, Manoeuvre};
 use params::{Id, value};
 use regions::{
-    Bench, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState,
+    Bench, Fmu, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, VehicleCheckpoint, VehicleState,
     model_flags,
 };
 use road::{Place, Road};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 use std::path::Path;
-use vehicle::{AxleKinematics, GearMode, RoadContact, Vehicle, VehicleInput, VehicleOutput, WHEELS};
+use vehicle::{
+    AxleKinematics, ExportId, Exports, GearMode, RoadContact, Vehicle, VehicleInput, VehicleOutput, WHEELS,
+};
 
 const READS: &[InputSpec] = &[
     InputSpec { region: RegionId::RigMeasurement, when: When::SameTick },
     InputSpec { region: RegionId::Bench, when: When::Latest },
     InputSpec { region: RegionId::Parameters, when: When::Latest },
+    InputSpec { region: regions::FMUS[0], when: When::Previous },
+    InputSpec { region: regions::FMUS[1], when: When::Previous },
+    InputSpec { region: regions::FMUS[2], when: When::Previous },
+    InputSpec { region: regions::FMUS[3], when: When::Previous },
 ];
-const NODES: &[NodeSpec] = &[NodeSpec {
-    name: "vehicle",
-    reads: READS,
-    writes: RegionId::VehicleState,
-    checkpoint: Some(RegionId::VehicleCheckpoint),
-    rings: true,
-}];
+/// Behind those, what the FMUs put out the tick before, as many as there are.
+const FIRST_FMU: usize = 3;
+const fn nodes(fmus: usize) -> [NodeSpec; 1] {
+    let (reads, _) = READS.split_at(FIRST_FMU + fmus);
+    [NodeSpec {
+        name: "vehicle",
+        reads,
+        writes: RegionId::VehicleState,
+        checkpoint: Some(RegionId::VehicleCheckpoint),
+        rings: true,
+    }]
+}
+const NODES: [[NodeSpec; 1]; 5] = [nodes(0), nodes(1), nodes(2), nodes(3), nodes(4)];
 
 /// Words of the checkpoint behind the car's own: rack, driver.
 const OWN: usize = 1 + DRIVER;
@@ -41,6 +54,8 @@ pub struct VehicleNode {
     driveline: Option<ComposedDriveline>,
     manoeuvre: Manoeuvre,
     driver: Option<PathDriver>,
+    fmus: Vec<FmuAction>,
+    exports: Vec<ExportId>,
     road: Road,
     off_surface: bool,
     period_s: f64,
@@ -100,6 +115,8 @@ impl VehicleNode {
             driveline,
             manoeuvre,
             driver,
+            fmus: crate::fmu_node::actions(resolved)?,
+            exports: crate::fmu_node::exports(resolved)?,
             road: Road::new(&scenario.road, resolved.surface.as_ref())
                 .map_err(|fault| AssemblyError::new("road", [fault]))?,
             off_surface: false,
@@ -133,6 +150,7 @@ impl VehicleNode {
             node.vehicle.set_outside_drive(Some(drive));
         }
         fill(&mut node.last, node.vehicle.output());
+        node.last.used_fmu = [NO_TICK; 4];
         Ok(node)
     }
 
@@ -238,7 +256,7 @@ fn sense(front: &AxleKinematics, resolved: &ResolvedBench) -> Result<(), Assembl
 
 impl Model for VehicleNode {
     fn nodes(&self) -> &'static [NodeSpec] {
-        NODES
+        &NODES[self.fmus.len()]
     }
 
     fn step(&mut self, _: usize, step: &Step, inputs: &Inputs, output: &mut [u64]) {
@@ -259,6 +277,14 @@ impl Model for VehicleNode {
         if verdict == Verdict::Good {
             (self.rack_m, self.used_tick) = (rack, input.tick());
         }
+        let mut lost = false;
+        for (k, fmu) in self.fmus.iter_mut().enumerate() {
+            let (state, input) = inputs.get::<Fmu>(FIRST_FMU + k);
+            lost |= fmu.take(step, state, input, self.vehicle.imports_mut(), &mut flags);
+            self.last.used_fmu[k] = fmu.used_tick();
+            self.last.fmu_held_count[k] = fmu.held_count();
+        }
+        let verdict = if lost { Verdict::Stale } else { verdict };
         if std::mem::take(&mut self.restored) {
             flags |= model_flags::RESTORED;
         }
@@ -291,6 +317,9 @@ impl Model for VehicleNode {
                 for (slot, value) in self.last.user_output.iter_mut().zip(equations.values()) {
                     *slot = *value;
                 }
+            }
+            for (slot, id) in self.last.export.iter_mut().zip(&self.exports) {
+                *slot = Exports::get(*id, car);
             }
             self.last.rack_displacement_m = [self.rack_m; 2];
             if let (Some(driver), HandWheel::PathDriver) = (&mut self.driver, next.hand_wheel) {

@@ -5,7 +5,7 @@
 //! end a wait.
 
 use crate::clock::{self, SECOND};
-use crate::{Bound, Model, TickError};
+use crate::{Bound, InputSpec, Model, TickError, When};
 use table::Wait;
 
 /// Models in one process, stepped node by node.
@@ -68,6 +68,8 @@ pub fn follow(
                 let Some(reader) = bound.reader(node, region) else {
                     return Err(TickError::NotReady { node: spec.name, region, tick: n });
                 };
+                let before = |read: &&InputSpec| read.region == region && read.when == When::Previous;
+                let awaited = n - u64::from(spec.reads.iter().find(before).is_some());
                 let now = clock::now();
                 let limit = start + patience.limit_ns;
                 // Slices, so that a run that was ended meanwhile is noticed.
@@ -76,7 +78,7 @@ pub fn follow(
                     spin_until_ns: now + patience.spin_ns,
                     deadline_ns: (now + SECOND / 10).min(limit),
                 };
-                if reader.wait_for(n, &wait) {
+                if reader.wait_for(awaited, &wait) {
                     continue;
                 }
                 if end(n) {

@@ -16,8 +16,9 @@ pub enum When {
     SameTick,
     /// The newest there is. In lockstep the tick being stepped, so that runs are equal.
     Latest,
-    /// The newest there is, of a region whose writer itself reads what this node writes. In lockstep the tick before
-    /// the one being stepped, so that runs are equal and nobody waits in a circle.
+    /// Of a region whose writer itself reads what this node writes: the tick before the one being stepped, never
+    /// waited for in real time (then the newest there is, not fresh). In lockstep exactly that one, so that runs are
+    /// equal and nobody waits in a circle.
     Previous,
 }
 
@@ -107,14 +108,20 @@ impl Input {
 
     fn refresh(&mut self, n: u64, when: When, lockstep: bool) {
         self.fresh = false;
-        if let Some(needed) = when.needed(n, lockstep) {
-            if self.reader.read(needed, &mut self.words) == Read::Ready {
-                (self.tick, self.fresh) = (needed, true);
-            }
-        } else if lockstep {
-            // Tick 0 has none before it.
-        } else if let Some(latest) = self.reader.latest(n, &mut self.words) {
-            (self.tick, self.fresh) = (latest.tick, true);
+        let exact = match when {
+            When::SameTick => Some(n),
+            When::Latest => lockstep.then_some(n),
+            When::Previous => n.checked_sub(1),
+        };
+        if let Some(exact) = exact
+            && self.reader.read(exact, &mut self.words) == Read::Ready
+        {
+            (self.tick, self.fresh) = (exact, true);
+        } else if !lockstep
+            && when != When::SameTick
+            && let Some(latest) = self.reader.latest(n, &mut self.words)
+        {
+            (self.tick, self.fresh) = (latest.tick, when == When::Latest);
         }
     }
 }

@@ -112,6 +112,14 @@ pub fn check(args: &CheckArgs) -> Exit {
         output::note(error);
         return Exit::BadInput;
     }
+    if let Err(error) = assembly::check_fmus(&resolved, false) {
+        output::note(error);
+        return Exit::BadInput;
+    }
+    // Sound, but perhaps for lockstep only.
+    if let Err(error) = assembly::check_fmus(&resolved, true) {
+        output::note(error);
+    }
     if args.json {
         output::json(&serde_json::json!({ "valid": true, "hash": resolved.hash() }));
     } else {

@@ -10,6 +10,8 @@ mod configuration;
 pub mod console;
 mod doctor;
 mod fault;
+pub mod fmu;
+mod fmu_export;
 mod history;
 mod log;
 mod model;
@@ -52,6 +54,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Can(args) => can::can(&args),
         Command::Bench(args) => bench::bench(&args),
         Command::Doctor(args) => doctor::doctor(&args),
+        Command::Fmu(args) => fmu::fmu(&args),
         Command::Fault(args) => fault::fault(&args),
         Command::Attach(args) => run::attach(&args),
         Command::Blackbox(args) => blackbox::blackbox(&args),

@@ -44,11 +44,12 @@ impl Brakes {
         self.torque_per_pressure.iter().sum()
     }
 
-    /// One sub-step of the wheel pressures.
-    pub fn advance(&self, pressure_pa: &mut [f64; 4], master_pa: f64) {
+    /// One sub-step of the wheel pressures; `line` may change what is asked of a wheel's brake (ABS).
+    pub fn advance(&self, pressure_pa: &mut [f64; 4], master_pa: f64, line: impl Fn(usize, f64) -> f64) {
         let above = (master_pa - self.knee_pa).max(0.0);
         let rear = master_pa - above * (1.0 - self.slope);
-        for (p, demand) in pressure_pa.iter_mut().zip([master_pa, master_pa, rear, rear]) {
+        for (i, (p, demand)) in pressure_pa.iter_mut().zip([master_pa, master_pa, rear, rear]).enumerate() {
+            let demand = line(i, demand);
             *p = demand + (*p - demand) * self.decay;
         }
     }

@@ -206,6 +206,11 @@ impl Simulation {
         true
     }
 
+    /// A row of results of `vehicle` at `time_s`, in the order of [`Self::columns`].
+    pub fn values(vehicle: &Vehicle, time_s: f64, values: &mut Vec<f64>) {
+        put_row(vehicle, time_s, values);
+    }
+
     fn value(&self, column: &[f64], row: usize, t: f64) -> f64 {
         let next = (row + 1).min(self.time.len() - 1);
         let span = self.time[next] - self.time[row];

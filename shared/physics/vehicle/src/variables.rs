@@ -63,7 +63,7 @@ const CAR_IMPORTS: [(&str, &str, &str); 14] = [
 ];
 
 /// Variables of one wheel that can be imported.
-const WHEEL_IMPORTS: [(&str, &str, &str); 12] = [
+const WHEEL_IMPORTS: [(&str, &str, &str); 13] = [
     ("steer_rad", "rad", "rotation of the knuckle about the body's z, left positive"),
     ("inclination_rad", "rad", "rotation of the knuckle about x, top to the right positive"),
     ("friction", "1", "friction of the road relative to the tyre's test surface"),
@@ -76,6 +76,7 @@ const WHEEL_IMPORTS: [(&str, &str, &str); 12] = [
     ("suspension_force_n", "N", "spring, stops, damper and anti-roll bar at the wheel, compression positive"),
     ("brake_capacity_n_m", "N*m", "largest friction torque of the brake"),
     ("road_height_m", "m", "height of the road under the wheel, earth z"),
+    ("brake_line_pressure_pa", "Pa", "pressure asked of the wheel's brake, before its lag"),
 ];
 
 /// The places of a wheel's imports.
@@ -92,6 +93,7 @@ pub(crate) mod wheel {
     pub const SUSPENSION: usize = 9;
     pub const BRAKE: usize = 10;
     pub const ROAD_HEIGHT: usize = 11;
+    pub const BRAKE_LINE: usize = 12;
 }
 
 /// The places of the car's imports.

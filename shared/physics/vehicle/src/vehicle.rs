@@ -571,7 +571,14 @@ impl Vehicle {
         }
 
         // Spins: tyres, engine, differentials, brakes.
-        self.brakes.advance(&mut s.brake_pressure, control.master_pa);
+        let imports = &self.imports;
+        self.brakes.advance(&mut s.brake_pressure, control.master_pa, |i, demand| {
+            if imports.active() {
+                self.brakes.limited_pa(imports.wheel(i, wheel::BRAKE_LINE, demand))
+            } else {
+                demand
+            }
+        });
         let mut capacity = self.brakes.capacity_n_m(&s.brake_pressure, control.hand_brake);
         for (i, torque) in capacity.iter_mut().enumerate() {
             *torque = self.imports.wheel(i, wheel::BRAKE, *torque).max(0.0);
