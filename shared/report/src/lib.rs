@@ -14,6 +14,7 @@ mod procedure;
 mod published;
 mod run;
 mod shell;
+mod study;
 mod summary;
 mod table;
 mod verdict;
@@ -25,6 +26,7 @@ pub use procedure::{
     Entry, Procedure, angle_per_rack, assess, assessment_json, assessment_text, procedure_html, signals,
 };
 pub use published::{PUBLISHED_TRACKING, PublishedTracking, published_for};
+pub use study::{StudyColumn, study_html};
 pub use summary::{
     LogSummary, LoopFigures, Peaks, RunSummary, ServiceTiming, SolverSummary, Span, TrackingFigures, Trip,
     summarise,
