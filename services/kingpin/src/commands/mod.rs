@@ -23,6 +23,7 @@ mod run;
 mod service;
 mod summary;
 mod suspension;
+pub mod sweep;
 mod table;
 pub mod tyre;
 pub mod vehicle;
@@ -55,6 +56,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Bench(args) => bench::bench(&args),
         Command::Doctor(args) => doctor::doctor(&args),
         Command::Fmu(args) => fmu::fmu(&args),
+        Command::Sweep(args) => sweep::sweep(&args),
         Command::Fault(args) => fault::fault(&args),
         Command::Attach(args) => run::attach(&args),
         Command::Blackbox(args) => blackbox::blackbox(&args),
