@@ -19,7 +19,9 @@ pub mod service;
 mod vehicle_node;
 pub mod wheel;
 
-pub use can_node::{CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu};
+pub use can_node::{
+    CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu,
+};
 pub use car::build_car;
 pub use guard::Guard;
 pub use kinematics::{axle_kinematics, axle_kinematics_in};
