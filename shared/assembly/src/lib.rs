@@ -22,7 +22,9 @@ pub mod trips;
 mod vehicle_node;
 pub mod wheel;
 
-pub use can_node::{CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu};
+pub use can_node::{
+    CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu,
+};
 pub use car::build_car;
 pub use fmu_node::{FmuFault, FmuNode, FmuPart, Unpacked, build_fmus, check_fmus, fmu_model, fmu_part};
 pub use guard::Guard;
