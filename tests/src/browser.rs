@@ -171,6 +171,24 @@ impl Browser {
         self.call("POST", &self.of("/actions"), Some(&actions));
     }
 
+    /// Presses at the middle of an element, moves to the side by so many pixels, stays there for a time, lets go.
+    pub fn drag(&self, selector: &str, right_px: i32, time: Duration) {
+        let element = json!({"element-6066-11e4-a52e-4f735466cecf": self.element(selector)});
+        let actions = json!({"actions": [{"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": [
+            {"type": "pointerMove", "duration": 0, "origin": element, "x": 0, "y": 0},
+            {"type": "pointerDown", "button": 0},
+            {"type": "pointerMove", "duration": 200, "origin": "pointer", "x": right_px, "y": 0},
+            {"type": "pause", "duration": time.as_millis() as u64},
+            {"type": "pointerUp", "button": 0}]}]});
+        self.run(&format!("document.querySelector({}).scrollIntoView({{block: 'center'}})", json!(selector)));
+        self.call("POST", &self.of("/actions"), Some(&actions));
+    }
+
+    /// Makes the window another size.
+    pub fn size(&self, width: u32, height: u32) {
+        self.call("POST", &self.of("/window/rect"), Some(&json!({ "width": width, "height": height })));
+    }
+
     /// Takes a picture of the page.
     ///
     /// # Panics

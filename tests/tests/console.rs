@@ -1,8 +1,12 @@
 //! The console: who may do what, what fuzzing does, a client that stops reading, and the page in a real browser.
 //!
-//! `cargo test --release -p kingpin_tests --test console -- --ignored --nocapture` prints what the console costs
-//! the loop: tick lateness with 0, 1 and 5 clients in one run.
+//! `scripts/console-load` prints what the console costs the loop: tick lateness with 0, 1 and 5 clients in one run.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+
+#[path = "console/load.rs"]
+mod load;
+#[path = "console/page.rs"]
+mod page;
 
 use kingpin_tests::browser;
 use kingpin_tests::socket::{Socket, get};
@@ -426,6 +430,8 @@ fn the_page_in_a_real_browser() {
         drawn[3].as_f64().unwrap()
     );
     page.picture(&pictures.join("2-watch.png"));
+    page::frame_times(&page);
+    page::layouts_are_kept(&page, &format!("{}/", console.origin()));
     page.click("#tab-timing");
     page.until("timing", "document.querySelectorAll('#timing-table tr').length === 4");
     page.picture(&pictures.join("3-timing.png"));
@@ -478,6 +484,7 @@ fn the_page_in_a_real_browser() {
     );
     page.picture(&pictures.join("5-steer.png"));
     page.until("the car to turn left", &format!("{} > {yaw} + 0.01", value("vehicle_state.yaw_rad")));
+    page::steering_by_slider_and_gamepad(&page);
     page.click("#steer-take");
 
     // Trip, acknowledge, ready again.
@@ -508,74 +515,19 @@ fn the_page_in_a_real_browser() {
     page.run("const s = document.querySelector('#replay-speed'); s.value = '5'; s.dispatchEvent(new Event('change'))");
     page.until("time goes on", "+document.querySelector('#replay-at').value > 8");
     page.picture(&pictures.join("8-replay.png"));
+    // The same on a tablet.
+    page.size(1024, 768);
+    for tab in ["run", "watch", "tune", "timing", "steer", "runs"] {
+        page.click(&format!("#tab-{tab}"));
+        std::thread::sleep(Duration::from_millis(400));
+        let over = page.run("return document.documentElement.scrollWidth - document.documentElement.clientWidth");
+        page.picture(&pictures.join(format!("tablet-{tab}.png")));
+        assert_eq!(over, 0, "{tab} is wider than a tablet's screen");
+    }
+    page.size(1600, 1000);
+    page.click("#replay-live");
+    page::comparing(&page, &console, &pictures);
     let complaints = page.complaints();
     assert!(complaints.is_empty(), "the page's scripts complain: {complaints:?}");
     println!("pictures in {}", pictures.display());
-}
-
-/// What the console costs the loop. Prints; judges nothing.
-#[test]
-#[ignore = "takes a minute and only prints; run it by name"]
-fn load_on_the_loop_with_0_1_and_5_clients() {
-    let _alone = alone();
-    let console = Console::start("load");
-    let mut operator = console.operator();
-    console.launch(&mut operator, "slalom_120", 600.0);
-    operator
-        .ask(&json!({"subscribe": {"traces": [], "latest": [], "rate_hz": 0.5, "points_hz": 1.0}}))
-        .unwrap();
-    let stop = std::sync::atomic::AtomicBool::new(false);
-    let mut spells = Vec::new();
-    let tick = |operator: &mut Socket| operator.next_frame().unwrap()["tick"].as_u64().unwrap();
-    std::thread::scope(|scope| {
-        // In turns, so that the machine's other work falls on all alike.
-        for clients in [0, 1, 5, 0, 1, 5, 0, 1, 5] {
-            stop.store(false, std::sync::atomic::Ordering::Relaxed);
-            let threads: Vec<_> = (0..clients)
-                .map(|_| {
-                    scope.spawn(|| {
-                        let mut client = console.client();
-                        client.ask(&many()).unwrap();
-                        while !stop.load(std::sync::atomic::Ordering::Relaxed) {
-                            client.next_frame().unwrap();
-                        }
-                    })
-                })
-                .collect();
-            let from = tick(&mut operator);
-            std::thread::sleep(Duration::from_secs(7));
-            spells.push((clients, from, tick(&mut operator)));
-            stop.store(true, std::sync::atomic::Ordering::Relaxed);
-            threads.into_iter().for_each(|thread| thread.join().unwrap());
-        }
-    });
-    console.end_run(&mut operator);
-    let runs = console.folder.path().join("runs");
-    let run =
-        std::fs::read_dir(&runs).unwrap().map(|e| e.unwrap().path()).find(|p| p.join("log.mcap").exists());
-    let log = record::LogReader::open(&run.unwrap()).unwrap();
-    println!(
-        "{:>7} {:>8} {:>38} {:>38}",
-        "clients", "ticks", "wake-up lateness p50/p99/p99.9 [us]", "done after tick p50/p99/p99.9 [us]"
-    );
-    for clients in [0, 1, 5] {
-        let column = |region: &str, name: &str| {
-            let ticks = log.region(region).unwrap().ticks.clone();
-            let values = log.column(region, name).unwrap();
-            let inside =
-                |t: &u64| spells.iter().any(|(c, from, to)| *c == clients && (*from..*to).contains(t));
-            let mut found: Vec<f64> = ticks
-                .iter()
-                .zip(values)
-                .filter(|(t, v)| inside(t) && v.is_finite())
-                .map(|(_, v)| 1e6 * v)
-                .collect();
-            found.sort_by(f64::total_cmp);
-            found
-        };
-        let (late, done) = (column("rig_timing", "wake_lateness_s"), column("multibody_timing", "done_s"));
-        let at = |v: &[f64], q: f64| v.get((q * (v.len() - 1) as f64) as usize).copied().unwrap_or(f64::NAN);
-        let text = |v: &[f64]| format!("{:.0} / {:.0} / {:.0}", at(v, 0.5), at(v, 0.99), at(v, 0.999));
-        println!("{clients:>7} {:>8} {:>38} {:>38}", late.len(), text(&late), text(&done));
-    }
 }

@@ -211,3 +211,52 @@ scale_m_s = 1.0
     assert_eq!(ended.status.code(), Some(2));
     assert!(told(&ended).contains("first_run") && told(&ended).contains("command_deg"), "{}", told(&ended));
 }
+
+/// Spec 6.2: inputs of a recorded drive replayed, tie-rod forces within 10 %, torque loops with gradient and width.
+#[test]
+fn a_recorded_run_is_reproduced_with_its_forces_and_torque_loops() {
+    let folder = TempDir::new().unwrap();
+    let bench = format!("sirep{}", std::process::id());
+    let call = |arguments: &[&str], out: &Path| {
+        let ended = Command::new(kingpin())
+            .args(["run", "--lockstep", "--no-report", "--name", &bench, "--out"])
+            .arg(out)
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert_eq!(ended.status.code(), Some(0), "{}", told(&ended));
+        let text = std::fs::read(out.join("summary.json")).unwrap();
+        serde_json::from_slice::<serde_json::Value>(&text).unwrap()
+    };
+    let recorded = folder.path().join("recorded");
+    call(&["growing_slalom_80"], &recorded);
+    let directory = format!("record.directory={}", recorded.display());
+    let same = call(&["reproduce_run", "--set", &directory], &folder.path().join("same"));
+    let error = |summary: &serde_json::Value, signal: &str| {
+        let all = summary["overlays"].as_array().unwrap();
+        let found = all.iter().find(|o| o["target"].as_str().unwrap().contains(signal)).unwrap();
+        found["normalised_rms_error_percent"].as_f64().unwrap()
+    };
+    for (signal, most) in [
+        ("acceleration_m_s2.y", 2.0),
+        ("tie_rod_force_n.left", 5.0),
+        ("tie_rod_force_n.right", 5.0),
+        ("steering_wheel_torque", 5.0),
+    ] {
+        let found = error(&same, signal);
+        println!("{signal}: {found:.2} % of the recorded rms");
+        assert!(found < most, "{signal}: {found}");
+    }
+    let loops = same["record_loops"].as_array().unwrap();
+    assert_eq!(loops.len(), 2, "{loops:?}");
+    for found in loops {
+        println!("loop: {found}");
+        assert!(found["gradient_error_percent"].as_f64().unwrap().abs() < 5.0, "{found}");
+        assert!(found["width_error_percent"].as_f64().unwrap().abs() < 10.0, "{found}");
+    }
+    // The same drive with grip gone from the front is another one, and that is seen.
+    let change = r#"parameters=[{type="set", at_s=-1.0, path="tyre.front.friction_scale", value=0.6}]"#;
+    let other = call(&["reproduce_run", "--set", &directory, "--set", change], &folder.path().join("other"));
+    let found = error(&other, "tie_rod_force_n.left");
+    assert!(found > 10.0, "less grip changes the forces: {found} %");
+}

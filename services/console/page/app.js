@@ -249,16 +249,16 @@ function drawParameters() {
     let input;
     if (p.choices) { input = document.createElement("select"); p.choices.forEach((c, i) => input.append(new Option(c, i))); input.value = p.value; }
     else { input = document.createElement("input"); input.type = "number"; input.step = "any"; input.value = +p.value.toPrecision(7); input.size = 10; }
-    input.disabled = !mayWrite; input.id = `p-${p.path}`; input.setAttribute("aria-label", p.path);
+    input.disabled = !mayWrite || !!p.fixed; input.id = `p-${p.path}`; input.setAttribute("aria-label", p.path);
     input.onchange = () => input.value !== "" && set([[p.path, p.choices ? setting(p, +input.value) : Number(input.value)]]);
     const slider = document.createElement("input");
     if (p.choices) slider.hidden = true;
-    else { slider.type = "range"; slider.min = p.min; slider.max = p.max; slider.step = (p.max - p.min) / 200; slider.value = p.value; slider.disabled = !mayWrite; slider.setAttribute("aria-label", `${p.path} slider`); slider.onchange = () => set([[p.path, Number(slider.value)]]); }
+    else { slider.type = "range"; slider.min = p.min; slider.max = p.max; slider.step = (p.max - p.min) / 200; slider.value = p.value; slider.disabled = !mayWrite || !!p.fixed; slider.setAttribute("aria-label", `${p.path} slider`); slider.onchange = () => set([[p.path, Number(slider.value)]]); }
     const back = document.createElement("button"); back.type = "button"; back.textContent = "default"; back.disabled = !mayWrite || p.value === p.default; back.onclick = () => set([[p.path, p.choices ? setting(p, p.default) : p.default]]);
-    const tr = row(p.path, input, slider, p.unit === "1" ? "" : p.unit, p.choices ? p.choices.join(", ") : `${p.min} … ${p.max}`, human(p, base(p)), p.service, back, p.doc);
+    const tr = row(p.path, input, slider, p.unit === "1" ? "" : p.unit, p.fixed ? "fixed" : p.choices ? p.choices.join(", ") : `${p.min} … ${p.max}`, human(p, base(p)), p.service, back, p.doc);
     [...tr.children].forEach((td) => { td.className = ""; });
     if (p.value !== p.default) tr.className = "changed";
-    tr.title = `may be changed in ${p.states}`;
+    tr.title = p.fixed || `may be changed in ${p.states}`;
     return tr;
   });
   $("parameters").replaceChildren(heads("parameter", "value", "", "unit", "range", mode === "snapshot" ? "snapshot" : "default", "applied by", "", "meaning"), ...rows);
@@ -323,6 +323,7 @@ $("compare").onclick = async () => {
   const a = await Link.ask("compare", { a: chosen[0], b: chosen[1], signal: $("compare-signal").value });
   $("compare-said").textContent = a.error || "";
   if (a.error) return;
+  $("compare-page").href = `compare/${encodeURIComponent(chosen[0])}/${encodeURIComponent(chosen[1])}`; $("compare-page").hidden = false;
   await loadPlotly();
   const runs = a.compare.runs;
   Plotly.newPlot("compare-plot", runs.map((r) => ({ x: r.time_s, y: r.value, name: r.name, mode: "lines" })), { height: 360, margin: { t: 20 }, xaxis: { title: { text: "time [s]" } }, yaxis: { title: { text: `${a.compare.signal} [${runs[0].unit}]` } } }, { responsive: true, displaylogo: false });

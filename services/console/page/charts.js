@@ -23,12 +23,13 @@ const shortNumber = (v) => {
   return a >= 1000 ? v.toFixed(0) : a >= 100 ? v.toFixed(1) : a >= 1 ? v.toFixed(2) : a === 0 ? "0" : v.toFixed(4);
 };
 
-// Steps of 1, 2 or 5 times a power of ten.
+// Steps of 1, 2 or 5 times a power of ten: where, and what to write there.
 function ticks(low, high, count) {
   const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= raw) || raw;
   const found = [];
-  for (let v = Math.ceil(low / step) * step; v <= high + 1e-9 * step; v += step) found.push(v);
+  const digits = Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
+  for (let v = Math.ceil(low / step) * step; v <= high + 1e-9 * step; v += step) found.push([v, (Math.abs(v) < 1e-9 * step ? 0 : v).toFixed(digits)]);
   return found;
 }
 
@@ -82,9 +83,9 @@ class StripChart {
     g.font = "12px system-ui, sans-serif"; g.lineWidth = 1; g.strokeStyle = "#e3e8ec"; g.fillStyle = "#5b6875";
     g.textAlign = "right"; g.textBaseline = "middle";
     g.beginPath();
-    for (const v of ticks(low, high, 4)) { g.moveTo(left, y(v)); g.lineTo(width - 4, y(v)); g.fillText(shortNumber(v), left - 6, y(v)); }
+    for (const [v, text] of ticks(low, high, 4)) { g.moveTo(left, y(v)); g.lineTo(width - 4, y(v)); g.fillText(text, left - 6, y(v)); }
     g.textAlign = "center"; g.textBaseline = "top";
-    for (const t of ticks(from, end, 8)) { g.moveTo(x(t), 4); g.lineTo(x(t), height - bottom); g.fillText(`${+t.toFixed(2)}`, x(t), height - bottom + 4); }
+    for (const [t, text] of ticks(from, end, Math.max(3, width / 90))) { g.moveTo(x(t), 4); g.lineTo(x(t), height - bottom); g.fillText(text, x(t), height - bottom + 4); }
     g.stroke();
     this.traces.forEach((trace, i) => {
       g.strokeStyle = COLOURS[i % COLOURS.length]; g.lineWidth = 1.6; g.beginPath();

@@ -63,6 +63,17 @@ pub(crate) fn compare(hub: &Hub, a: &str, b: &str, signal: &str) -> Result<Value
     Ok(json!({"signal": signal, "runs": [one(a)?, one(b)?]}))
 }
 
+/// The page that compares two runs.
+pub(crate) fn comparison(hub: &Hub, a: &str, b: &str) -> Result<String, String> {
+    let logs = [(a, hub.open_log(a)?.0), (b, hub.open_log(b)?.0)];
+    let compared = logs.each_ref().map(|(name, log)| report::Compared {
+        name: (*name).to_owned(),
+        log,
+        options: report::ReportOptions::default(),
+    });
+    Ok(report::comparison_html(&compared))
+}
+
 /// A curve of at most `points` points that keeps each stretch's smallest and largest value.
 fn thin(time_s: &[f64], value: &[f64], points: usize) -> (Vec<f64>, Vec<Option<f64>>) {
     let finite = |v: f64| v.is_finite().then_some(v);

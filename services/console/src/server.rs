@@ -136,6 +136,7 @@ impl Console {
         let router = router
             .route("/plotly.js", get(plotly))
             .route("/report/{run}", get(run_report))
+            .route("/compare/{a}/{b}", get(compared))
             .route("/socket", get(socket))
             .layer(middleware::from_fn_with_state(shared.clone(), guard))
             .with_state(shared);
@@ -202,6 +203,22 @@ async fn run_report(State(shared): State<Shared>, Path(run): Path<String>) -> Re
             (headers, Body::from(bytes)).into_response()
         }
         _ => (StatusCode::NOT_FOUND, "this run has no report\n").into_response(),
+    }
+}
+
+/// Two runs on one page, made when it is asked for.
+async fn compared(State(shared): State<Shared>, Path((a, b)): Path<(String, String)>) -> Response {
+    let made = tokio::task::spawn_blocking(move || crate::runs::comparison(&shared.hub, &a, &b)).await;
+    match made {
+        Ok(Ok(page)) => {
+            let headers = [
+                (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+                (header::CONTENT_SECURITY_POLICY, REPORT_POLICY),
+            ];
+            (headers, Body::from(page)).into_response()
+        }
+        Ok(Err(error)) => (StatusCode::NOT_FOUND, error).into_response(),
+        Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, "the comparison could not be made\n").into_response(),
     }
 }
 

@@ -398,7 +398,7 @@ fn told(answer: Answer) -> Value {
                     };
                     json!({"path": entry.path, "unit": parameter.unit, "doc": parameter.doc, "value": entry.value,
                         "default": entry.default, "min": entry.min, "max": entry.max, "choices": choices,
-                        "states": parameter.states.text(), "service": parameter.tuner.name()})
+                        "states": parameter.states.text(), "fixed": entry.fixed, "service": parameter.tuner.name()})
                 })
                 .collect();
             json!({"parameters": {"version": version, "undo_depth": undo_depth, "rows": rows}})

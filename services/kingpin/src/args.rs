@@ -413,12 +413,13 @@ pub enum ProcedureName {
 /// Arguments of `report`.
 #[derive(Debug, ClapArgs)]
 pub struct ReportArgs {
-    /// Directory of a run, or a log file
-    pub run: PathBuf,
-    /// Where to write it [default: report.html beside the log]
+    /// Directory of a run, or a log file; several are compared: figures side by side, curves laid over each other
+    #[arg(required = true, num_args = 1.., value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Where to write it [default: report.html beside the log; of several runs compare-….html beside the first]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Print the summary as JSON on standard output
+    /// Print the summary, or the comparison, as JSON on standard output
     #[arg(long)]
     pub json: bool,
 }

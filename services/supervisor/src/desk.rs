@@ -8,7 +8,7 @@ use crate::live;
 use crate::plan::{RunPlan, request};
 use config::ResolvedBench;
 use operator_link::{Answer, Entry, Operation, Request, Server};
-use params::{Book, LIST, Refusal, Schedule, Setting, Values};
+use params::{Book, Fixed, LIST, Refusal, Schedule, Setting, Values};
 use regions::{Bench, NO_TICK, Parameters, Payload, RegionId, state_name};
 use runtime::clock::{Nanos, SECOND};
 use table::{RegionWriter, Table};
@@ -52,7 +52,8 @@ impl Desk {
             Book::resume(params::defaults(resolved), last.value, last.version)
         } else {
             Book::resume(params::defaults(resolved), *base, 1)
-        };
+        }
+        .with_fixed(Fixed::on(resolved));
         let mut before = Bench::absent();
         let reader = table.reader(RegionId::Bench as usize);
         let (manoeuvre_start, emergency_stop) = match reader.latest(reader.head(), before.words_mut()) {
@@ -213,7 +214,8 @@ impl Desk {
         let entry = |(index, parameter): (usize, &params::Parameter)| {
             let default = self.book.defaults()[index];
             let (min, max) = parameter.range(default);
-            Entry { path: parameter.path.to_owned(), value: self.book.values()[index], default, min, max }
+            let fixed = self.book.fixed(index).unwrap_or_default().to_owned();
+            Entry { path: parameter.path.to_owned(), value: self.book.values()[index], default, min, max, fixed }
         };
         Answer::Parameters {
             version: self.book.version(),

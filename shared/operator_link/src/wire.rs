@@ -65,6 +65,8 @@ pub struct Entry {
     pub min: f64,
     /// Largest value.
     pub max: f64,
+    /// Why it cannot be changed on this bench; empty where it can.
+    pub fixed: String,
 }
 
 /// What the supervisor answers.

@@ -1,6 +1,6 @@
 //! The supervisor's book: values in force, their version, what was changed, and how to undo it.
 
-use crate::{Kind, LIST, Parameter, Values, by_path, closest};
+use crate::{Fixed, Kind, LIST, Parameter, Values, by_path, closest};
 use serde::{Deserialize, Serialize};
 
 /// Most changes that can be undone.
@@ -61,17 +61,30 @@ pub struct Book {
     values: Values,
     version: u64,
     undo: Vec<Vec<(usize, f64)>>,
+    fixed: Fixed,
 }
 
 impl Book {
     /// With the values that the configuration gives, as version 1.
     pub fn new(defaults: Values) -> Self {
-        Book { defaults, values: defaults, version: 1, undo: Vec::new() }
+        Book { defaults, values: defaults, version: 1, undo: Vec::new(), fixed: Fixed::NOTHING }
     }
 
     /// Goes on where a supervisor that died had left off.
     pub fn resume(defaults: Values, values: Values, version: u64) -> Self {
-        Book { defaults, values, version, undo: Vec::new() }
+        Book { defaults, values, version, undo: Vec::new(), fixed: Fixed::NOTHING }
+    }
+
+    /// The same on a bench where some parameters change nothing.
+    #[must_use]
+    pub fn with_fixed(mut self, fixed: Fixed) -> Self {
+        self.fixed = fixed;
+        self
+    }
+
+    /// Why a parameter of the list cannot be changed on this bench.
+    pub fn fixed(&self, index: usize) -> Option<&'static str> {
+        self.fixed.reason(index)
     }
 
     /// Values in force.
@@ -97,7 +110,7 @@ impl Book {
     /// What a setting of a parameter comes to.
     ///
     /// # Errors
-    /// Unknown path, wrong type, out of range.
+    /// Unknown path, wrong type, no such thing on this bench, out of range.
     pub fn check(&self, path: &str, setting: &Setting) -> Result<(usize, f64), Refusal> {
         let refuse = |reason: String| Refusal { path: path.to_owned(), reason };
         let Some(parameter) = by_path(path) else {
@@ -106,6 +119,9 @@ impl Book {
         };
         let index = parameter.id as usize;
         let value = typed(parameter, setting).map_err(&refuse)?;
+        if let Some(reason) = self.fixed.check(index, &self.values, value) {
+            return Err(refuse(reason.to_owned()));
+        }
         let (min, max) = parameter.range(self.defaults[index]);
         if !(min..=max).contains(&value) {
             let unit = if parameter.unit == "1" { String::new() } else { format!(" {}", parameter.unit) };

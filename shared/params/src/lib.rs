@@ -8,11 +8,13 @@
 //! Not here: how a change reaches the supervisor (crate `operator_link`), what a value does (crate `assembly`).
 
 mod book;
+mod fixed;
 mod list;
 mod schedule;
 mod snapshot;
 
 pub use book::{Book, Change, Refusal, Setting};
+pub use fixed::Fixed;
 pub use list::{Id, Kind, LIST, Parameter, States, Tuner, by_path, closest};
 pub use schedule::Schedule;
 pub use snapshot::{SnapshotError, difference, read_snapshot, write_snapshot};

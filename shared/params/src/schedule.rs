@@ -1,6 +1,6 @@
 //! A scenario's own changes: a pure function of the tick, so that lockstep runs are equal however driven.
 
-use crate::{Book, Refusal, Setting, Values, defaults};
+use crate::{Book, Fixed, Refusal, Setting, Values, defaults};
 use config::ResolvedBench;
 use config::live::ParameterChange;
 
@@ -18,7 +18,7 @@ impl Schedule {
     /// Every change that is refused, named by its place in the file.
     pub fn new(resolved: &ResolvedBench) -> Result<Self, Vec<Refusal>> {
         let scenario = &resolved.scenario;
-        let mut book = Book::new(defaults(resolved));
+        let mut book = Book::new(defaults(resolved)).with_fixed(Fixed::on(resolved));
         let mut steps = vec![(0, book.version(), *book.values())];
         let mut refused = Vec::new();
         for (place, change) in scenario.parameters.iter().flatten().enumerate() {

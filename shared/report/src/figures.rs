@@ -9,8 +9,9 @@ use crate::figure::{
     BLACK, BLUE, Figure, GREEN, GREY, ORANGE, POINTS_MAX, PURPLE, RECORD, Style, asked, axis, escaped, full,
     numbers, pretty_unit,
 };
-use crate::overlay::Overlay;
+use crate::overlay::{Overlay, record_points};
 use crate::run::Run;
+use crate::source_figures::{LATERAL, STEERING, title};
 use crate::table::{FLAGGED, STATES, state_name};
 
 const DEG: f64 = 180.0 / std::f64::consts::PI;
@@ -37,7 +38,7 @@ impl<'a> Drawer<'a> {
     pub fn all(&mut self) -> Vec<Figure> {
         let mut figures = vec![
             self.time(
-                "Steering-wheel angle",
+                title::ANGLE,
                 "angle in °",
                 DEG,
                 &[
@@ -55,7 +56,7 @@ impl<'a> Drawer<'a> {
                 ],
             ),
             self.time(
-                "Lateral acceleration",
+                title::ACCELERATION,
                 "acceleration in m/s²",
                 1.0,
                 &[("bench", "vehicle_state.acceleration_m_s2.y", full(BLUE))],
@@ -172,7 +173,7 @@ impl<'a> Drawer<'a> {
         // The rig's own record of the command carries the tick it acted on; without it the sender's.
         let command = if self.run.log.signal(&names[1]).is_ok() { &names[1] } else { &names[0] };
         self.time(
-            &format!("Tie-rod force, {side}"),
+            if side == "left" { title::FORCE_LEFT } else { title::FORCE_RIGHT },
             "force in N (tension positive)",
             1.0,
             &[
@@ -184,7 +185,7 @@ impl<'a> Drawer<'a> {
     }
 
     fn force_error(&self) -> Figure {
-        let mut figure = Figure::over_time("Tie-rod force error (command − load cell)", "error in N");
+        let mut figure = Figure::over_time(title::FORCE_ERROR, "error in N");
         let time_s = self.run.time_s();
         for (side, colour) in [("left", BLUE), ("right", ORANGE)] {
             let command = self.run.numbers("rig_status", &format!("tie_rod_force_command_n.{side}"));
@@ -213,32 +214,43 @@ impl<'a> Drawer<'a> {
         (points.0.len() > 1).then_some(points)
     }
 
+    /// The measured loop, where torque and its abscissa are recorded.
+    fn record_loop(&self, figure: &mut Figure, over: &str, scale: f64) {
+        if let Some((x, y)) = record_points(self.run, self.overlays, over) {
+            let step = stride(x.len(), 2 * POINTS_MAX);
+            let thin = |v: &[f64], scale: f64| v.iter().step_by(step).map(|v| v * scale).collect::<Vec<_>>();
+            figure.push("measured", &thin(&x, scale), &thin(&y, 1.0), RECORD, &json!({}));
+        }
+    }
+
     fn torque_over_angle(&self) -> Figure {
         let mut figure = Figure::new(
-            "Steering torque over angle",
+            title::TORQUE_ANGLE,
             "steering-wheel angle in °",
             "steering-wheel torque in N·m",
         )
-        .layout(&json!({ "hovermode": "closest", "showlegend": false }));
+        .layout(&json!({ "hovermode": "closest" }));
+        self.record_loop(&mut figure, STEERING, DEG);
         let angle = ("rig_measurement", "steering_wheel_angle_rad");
         if let Some((x, y)) = self.loop_points(angle, ("rig_measurement", "steering_wheel_torque_n_m")) {
             let x: Vec<f64> = x.into_iter().map(|v| v * DEG).collect();
-            figure.push("loop", &x, &y, full(BLUE), &json!({}));
+            figure.push("bench", &x, &y, full(BLUE), &json!({}));
         }
         figure
     }
 
     fn torque_over_acceleration(&self) -> Figure {
         let mut figure = Figure::new(
-            "Steering torque over lateral acceleration",
+            title::TORQUE_ACCELERATION,
             "lateral acceleration in m/s²",
             "steering-wheel torque in N·m",
         )
-        .layout(&json!({ "hovermode": "closest", "showlegend": false }));
+        .layout(&json!({ "hovermode": "closest" }));
+        self.record_loop(&mut figure, LATERAL, 1.0);
         let acceleration = ("vehicle_state", "acceleration_m_s2.y");
         let torque = ("rig_measurement", "steering_wheel_torque_n_m");
         if let Some((x, y)) = self.loop_points(acceleration, torque) {
-            figure.push("loop", &x, &y, full(BLUE), &json!({}));
+            figure.push("bench", &x, &y, full(BLUE), &json!({}));
         }
         figure
     }

@@ -13,7 +13,9 @@ use crate::figures::Drawer;
 use crate::overlay::Overlay;
 use crate::published::{PUBLISHED_TRACKING, published_for};
 use crate::run::Run;
+use crate::sections;
 use crate::shell;
+use crate::source_figures::source_figures;
 use crate::summary::{Percentiles, RunSummary, TrackingFigures, summarise};
 use crate::table::STATES;
 use crate::verdict::{Limits, Outcome};
@@ -47,7 +49,9 @@ pub fn plotly_js() -> &'static str {
 pub fn report_html(log: &LogReader, options: &ReportOptions) -> String {
     let summary = summarise(log, &options.overlays, &options.limits);
     let run = Run::new(log);
-    let figures = Drawer::new(&run, &options.overlays).all();
+    let mut figures = Drawer::new(&run, &options.overlays).all();
+    let (said, source) = source_figures(&run, &options.overlays);
+    sections::name_source(&mut figures, &source);
     let title = options.title.clone().unwrap_or_else(|| summary.scenario.replace('_', " "));
 
     let mut page = shell::open(&format!("{title} – Kingpin report"));
@@ -60,8 +64,11 @@ pub fn report_html(log: &LogReader, options: &ReportOptions) -> String {
     tracking(&mut page, &summary);
     page += "</div></div>\n";
     overlays(&mut page, &summary);
+    sections::record_loops(&mut page, &summary.record_loops);
     page += "</section>\n";
     shell::section(&mut page, &figures);
+    sections::force_budget(&mut page, &summary);
+    sections::source_table(&mut page, &said, &source, &figures);
     timing(&mut page, &summary);
     log_section(&mut page, &summary);
     configuration(&mut page, log);
@@ -331,7 +338,7 @@ fn configuration(page: &mut String, log: &LogReader) {
 }
 
 /// A number with so many decimals, or a dash.
-fn fixed(value: Option<f64>, scale: f64, digits: usize) -> String {
+pub(crate) fn fixed(value: Option<f64>, scale: f64, digits: usize) -> String {
     value.map_or_else(|| "–".to_owned(), |v| format!("{:.digits$}", v * scale))
 }
 

@@ -4,22 +4,28 @@
 //! [`report_html`] makes one file that opens anywhere without a network. Nothing is computed here that
 //! `metrics` could compute; nothing is left out silently: a figure that cannot be had says why.
 
+mod comparison;
 mod decimate;
 mod figure;
 mod figures;
+mod force_budget;
 mod html;
 mod overlay;
 mod page;
 mod procedure;
 mod published;
 mod run;
+mod sections;
 mod shell;
+mod source_figures;
 mod summary;
 mod table;
 mod verdict;
 
+pub use comparison::{Compared, comparison_html, comparison_json};
+pub use force_budget::{ForceBudget, ForcePart};
 pub use html::{ReportOptions, plotly_js, report_html};
-pub use overlay::{Overlay, OverlayResult};
+pub use overlay::{Overlay, OverlayResult, RecordLoop};
 pub use page::{Curve, Plot, Rows, page_html};
 pub use procedure::{
     Entry, Procedure, angle_per_rack, assess, assessment_json, assessment_text, procedure_html, signals,

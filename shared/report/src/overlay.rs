@@ -3,7 +3,9 @@
 use metrics::compare::compare_record;
 use record::LogReader;
 
-use crate::summary::known;
+use crate::run::Run;
+use crate::source_figures::{LATERAL, STEERING, TORQUE};
+use crate::summary::{LoopFigures, known, loop_figures};
 
 /// Furthest a measured record is shifted to align it. \[s\]
 const LAG_MAX_S: f64 = 1.0;
@@ -98,4 +100,59 @@ pub(crate) fn compare_overlay(log: &LogReader, overlay: &Overlay) -> OverlayResu
         }
     }
     result
+}
+
+/// A steering-torque loop of a measured record beside the bench's.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct RecordLoop {
+    /// Over what the torque is: full name of the bench's signal.
+    pub over: String,
+    /// The record's. Units as those of the bench's.
+    pub measured: LoopFigures,
+    /// The bench's.
+    pub bench: LoopFigures,
+    /// Bench's gradient minus the record's, of the record's. [%]
+    pub gradient_error_percent: Option<f64>,
+    /// Bench's width minus the record's, of the record's. [%]
+    pub width_error_percent: Option<f64>,
+}
+
+/// Measured torque over measured angle or lateral acceleration while the bench's steering was active, on the torque's own
+/// time base. None unless both are recorded.
+pub(crate) fn record_points(run: &Run<'_>, overlays: &[Overlay], over: &str) -> Option<(Vec<f64>, Vec<f64>)> {
+    let of = |target: &str| overlays.iter().find(|o| o.target == target);
+    let (x, torque) = (of(over)?, of(TORQUE)?);
+    let (time_s, active) = (run.time_s(), run.active()?);
+    let first = *time_s.first()?;
+    let inside = |t: f64| {
+        let at = (t - first) / run.period_s();
+        at >= 0.0 && active.get(at as usize).copied().unwrap_or(false)
+    };
+    let x = metrics::resample::linear(&x.time_s, &x.value, &torque.time_s);
+    let points = torque.time_s.iter().zip(x).zip(&torque.value);
+    let points: (Vec<f64>, Vec<f64>) = points
+        .filter(|((t, x), y)| inside(**t) && x.is_finite() && y.is_finite())
+        .map(|((_, x), y)| (x, *y))
+        .unzip();
+    (points.0.len() > 1).then_some(points)
+}
+
+/// The measured steering-torque loops that can be had, beside the bench's.
+pub(crate) fn record_loops(run: &Run<'_>, overlays: &[Overlay], bench: [LoopFigures; 2]) -> Vec<RecordLoop> {
+    let mut found = Vec::new();
+    for (over, bench) in [STEERING, LATERAL].into_iter().zip(bench) {
+        let Some((x, y)) = record_points(run, overlays, over) else { continue };
+        let measured = loop_figures(&x, &y);
+        let percent = |bench: Option<f64>, measured: Option<f64>| {
+            bench.zip(measured).and_then(|(b, m)| known(100.0 * (b - m) / m.abs()))
+        };
+        found.push(RecordLoop {
+            over: over.to_owned(),
+            measured,
+            bench,
+            gradient_error_percent: percent(bench.gradient, measured.gradient),
+            width_error_percent: percent(bench.width_n_m, measured.width_n_m),
+        });
+    }
+    found
 }

@@ -8,7 +8,8 @@ use metrics::tracking::{Tracking, tracking};
 use record::LogReader;
 use regions::History;
 
-use crate::overlay::{Overlay, OverlayResult, compare_overlay};
+use crate::force_budget::{ForceBudget, force_budgets};
+use crate::overlay::{Overlay, OverlayResult, RecordLoop, compare_overlay, record_loops};
 use crate::run::Run;
 use crate::table::{FLAGGED, TRIPPED, state_name};
 use crate::verdict::{Limits, Verdict, judge};
@@ -59,6 +60,9 @@ pub struct RunSummary {
     pub force_tracking: [TrackingFigures; 2],
     /// Tie-rod force, left and right: command against the virtual plant's true force.
     pub true_force_tracking: [TrackingFigures; 2],
+    /// Where the tie-rod force error comes from, left and right.
+    #[serde(default)]
+    pub force_budget: [ForceBudget; 2],
     /// Ball height, left and right: command against measured stroke.
     pub height_tracking: [TrackingFigures; 2],
     /// Steering torque over steering-wheel angle.
@@ -87,6 +91,9 @@ pub struct RunSummary {
     pub log: LogSummary,
     /// Measured records against this run.
     pub overlays: Vec<OverlayResult>,
+    /// Measured steering-torque loops against this run's, where torque and its abscissa are recorded.
+    #[serde(default)]
+    pub record_loops: Vec<RecordLoop>,
 }
 
 /// Smallest, mean and largest value.
@@ -294,6 +301,7 @@ pub fn summarise(log: &LogReader, overlays: &[Overlay], limits: &Limits) -> RunS
                 side(i),
             )
         }),
+        force_budget: force_budgets(&run),
         height_tracking: [0, 1].map(|i| {
             track(
                 &run,
@@ -318,7 +326,10 @@ pub fn summarise(log: &LogReader, overlays: &[Overlay], limits: &Limits) -> RunS
         flag_ticks: flag_ticks(&run),
         log: log_summary(&run),
         overlays: overlays.iter().map(|overlay| compare_overlay(log, overlay)).collect(),
+        record_loops: Vec::new(),
     };
+    summary.record_loops =
+        record_loops(&run, overlays, [summary.torque_over_angle, summary.torque_over_acceleration]);
     summary.verdicts = judge(&summary, limits);
     summary.passed = summary.verdicts.iter().all(|verdict| !verdict.failed());
     summary
@@ -392,10 +403,15 @@ fn torque_loop(run: &Run<'_>, region: &str, column: &str) -> LoopFigures {
     };
     let active = (0..x.len()).filter(|&i| active[i] && x[i].is_finite() && y[i].is_finite());
     let (x, y): (Vec<f64>, Vec<f64>) = active.map(|i| (x[i], y[i])).unzip();
-    let near = 0.1 * peak(&x);
+    loop_figures(&x, &y)
+}
+
+/// Gradient and width at 0 of a loop.
+pub(crate) fn loop_figures(x: &[f64], y: &[f64]) -> LoopFigures {
+    let near = 0.1 * peak(x);
     LoopFigures {
-        gradient: gradient(&x, &y, 0.0, near).and_then(|line| known(line.slope)),
-        width_n_m: crossing(&x, &y, 0.0).and_then(|crossing| known(crossing.width)),
+        gradient: gradient(x, y, 0.0, near).and_then(|line| known(line.slope)),
+        width_n_m: crossing(x, y, 0.0).and_then(|crossing| known(crossing.width)),
     }
 }
 

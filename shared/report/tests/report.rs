@@ -10,7 +10,10 @@ use regions::{
     Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, Timing, VehicleState, model_flags,
     rig_flags,
 };
-use report::{Limits, Outcome, Overlay, ReportOptions, RunSummary, report_html, summarise};
+use report::{
+    Compared, Limits, Outcome, Overlay, ReportOptions, RunSummary, comparison_html, comparison_json, report_html,
+    summarise,
+};
 
 const T: f64 = 1e-3;
 const FORCE_N: f64 = 2400.0;
@@ -355,4 +358,112 @@ fn logs_with_little_in_them_make_a_page_too() {
     log.finish().unwrap();
     let log = LogReader::open(&odd).unwrap();
     assert!(report_html(&log, &ReportOptions::default()).len() > 1000);
+}
+
+#[test]
+fn the_force_budget_finds_the_delay_and_adds_up() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("log.mcap");
+    write_run(&path, "growing_slalom_80", Story::default());
+    let log = LogReader::open(&path).unwrap();
+    let budget = &summarise(&log, &[], &Limits::default()).force_budget[1];
+    assert!((budget.delay_s.unwrap() - 0.003).abs() < 1e-4, "{budget:?}");
+    let whole = budget.rms_n.unwrap();
+    let sum: f64 = budget.parts.iter().map(|p| p.share_n).sum();
+    assert!((sum / whole - 1.0).abs() < 1e-9 && (budget.sum_of_shares_n.unwrap() / whole - 1.0).abs() < 1e-9);
+    let part = |name: &str| budget.parts.iter().find(|p| p.name.contains(name)).unwrap();
+    assert!(part("delay").share_n / whole > 0.99, "{budget:#?}");
+    // What is asked at 3 ms of delay, straight from the run's law, while it steers and the bench runs.
+    let law = |n: u64| 0.8 * FORCE_N * (steer(n as f64 * T) - steer(n as f64 * T - 0.003));
+    let expected = ((2000..14_000).map(|n| law(n).powi(2)).sum::<f64>() / 12_000.0).sqrt();
+    assert!((whole / expected - 1.0).abs() < 0.01, "{whole} {expected}");
+    // The reading's noise is even over 2 N.
+    assert!((part("force cell: rest").rms_n / (1.0 / 3_f64.sqrt()) - 1.0).abs() < 0.05, "{budget:#?}");
+    let page = own_part(&report_html(&log, &ReportOptions::default()));
+    assert!(page.contains("Tie-rod force error, where it comes from") && page.contains("3.00 ms"));
+}
+
+#[test]
+fn figures_of_the_source_are_named_and_what_lacks_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let page = |scenario: &str, overlays: Vec<Overlay>| {
+        let path = dir.path().join(format!("{scenario}{}.mcap", overlays.len()));
+        write_run(&path, scenario, Story::default());
+        let log = LogReader::open(&path).unwrap();
+        own_part(&report_html(&log, &ReportOptions { overlays, ..ReportOptions::default() }))
+    };
+    let slalom = page("growing_slalom_80", Vec::new());
+    for number in 21..=38 {
+        assert!(slalom.contains(&format!("<td>5.{number}</td>")), "5.{number}");
+    }
+    assert!(slalom.contains("Source: figures 5.23, 5.28."), "the bench's lateral acceleration");
+    assert!(slalom.contains("no measured record of vehicle_state.acceleration_m_s2.y"));
+    // With the record of the road its figures are there too.
+    assert!(page("growing_slalom_80", vec![measured()]).contains("Source: figures 5.22, 5.23, 5.27, 5.28."));
+    for (scenario, number) in
+        [("on_centre_120", "5.3"), ("slalom_120", "5.4"), ("lane_change_120", "5.5"), ("sine_with_dwell_80", "5.6")]
+    {
+        let page = page(scenario, Vec::new());
+        assert!(page.contains(&format!("manoeuvre of the source&#39;s figure {number}.")), "{scenario}");
+        assert_eq!(page.matches(&format!("Source: figure {number}.")).count(), 3, "{scenario}");
+    }
+}
+
+#[test]
+fn a_measured_torque_loop_is_laid_over_the_benchs() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("log.mcap");
+    write_run(&path, "growing_slalom_80", Story::default());
+    let log = LogReader::open(&path).unwrap();
+    // The bench's own loop with a tenth more torque, as a record of 200 Hz.
+    let record = |target: &str, unit: &str, scale: f64| {
+        let signal = log.signal(target).unwrap();
+        let every = |v: &[f64]| v.iter().copied().step_by(5).collect::<Vec<f64>>();
+        Overlay {
+            title: format!("measured: {target}"),
+            unit: unit.to_owned(),
+            time_s: every(&signal.time_s),
+            value: every(&signal.value).iter().map(|v| v * scale).collect(),
+            target: target.to_owned(),
+        }
+    };
+    let angle = record("rig_measurement.steering_wheel_angle_rad", "rad", 1.0);
+    let torque = record("rig_measurement.steering_wheel_torque_n_m", "N*m", 1.1);
+    let summary = summarise(&log, &[angle.clone(), torque.clone()], &Limits::default());
+    let [found] = &summary.record_loops[..] else { panic!("{:?}", summary.record_loops) };
+    assert!((found.gradient_error_percent.unwrap() - 100.0 * (1.0 / 1.1 - 1.0)).abs() < 2.0, "{found:?}");
+    assert!((found.width_error_percent.unwrap() - 100.0 * (1.0 / 1.1 - 1.0)).abs() < 6.0, "{found:?}");
+    let page = own_part(&report_html(
+        &log,
+        &ReportOptions { overlays: vec![angle, torque], ..ReportOptions::default() },
+    ));
+    assert!(page.contains("Steering-torque loops against the record"));
+    assert!(page.contains("Source: figures 5.31, 5.32, 5.35, 5.36."));
+}
+
+#[test]
+fn runs_are_compared_on_one_page() {
+    let dir = tempfile::tempdir().unwrap();
+    let open = |name: &str, story: Story| {
+        let path = dir.path().join(format!("{name}.mcap"));
+        write_run(&path, "growing_slalom_80", story);
+        LogReader::open(&path).unwrap()
+    };
+    let (a, b) = (open("a", Story::default()), open("b", Story { tripped: true, ..Story::default() }));
+    let compared = |name: &str, log| Compared { name: name.to_owned(), log, options: ReportOptions::default() };
+    let runs = [compared("first <run>", &a), compared("again", &a), compared("tripped", &b)];
+    let page = comparison_html(&runs);
+    keep("comparison.html", &page);
+    let own = own_part(&page);
+    for said in ["first &lt;run&gt;", "Side by side", "minus the first run", "resolved configurations are equal", "FAIL"] {
+        assert!(own.contains(said), "{said}");
+    }
+    assert!(!own.contains("<run>") && !own.contains("http"));
+    let json = comparison_json(&runs);
+    let rows = json["figures"].as_array().unwrap();
+    let row = |name: &str| rows.iter().find(|row| row["figure"] == name).unwrap();
+    assert_eq!(row("Peak steering torque")["minus_first"][1], 0.0);
+    // A tripped run is judged up to its trip: less of the growing error is seen.
+    assert!(row("Force error felt, left, rms")["minus_first"][2].as_f64().unwrap() < -0.5);
+    assert_eq!(json["configuration_differences"].as_array().unwrap().len(), 0);
 }

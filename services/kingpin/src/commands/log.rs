@@ -47,11 +47,12 @@ pub fn write_whole(
 
 /// `kingpin report`.
 pub fn report(args: &ReportArgs) -> Exit {
-    let log = match LogReader::open(&args.run) {
+    let [run] = &args.runs[..] else { return compare_runs(args) };
+    let log = match LogReader::open(run) {
         Ok(log) => log,
         Err(error) => return failed(error),
     };
-    let path = args.output.clone().unwrap_or_else(|| beside(&args.run).join("report.html"));
+    let path = args.output.clone().unwrap_or_else(|| beside(run).join("report.html"));
     match super::summary::write_report(&log, &path) {
         Ok(summary) => {
             if args.json {
@@ -63,6 +64,51 @@ pub fn report(args: &ReportArgs) -> Exit {
         }
         Err(error) => failed(error),
     }
+}
+
+/// `kingpin report` of two or more runs.
+fn compare_runs(args: &ReportArgs) -> Exit {
+    const RUNS_MAX: usize = 6;
+    if args.runs.len() > RUNS_MAX {
+        return failed(format!("{} runs: at most {RUNS_MAX} are compared on a page", args.runs.len()));
+    }
+    let mut logs = Vec::new();
+    for run in &args.runs {
+        match LogReader::open(run) {
+            Ok(log) => logs.push((short_name(run), log)),
+            Err(error) => return failed(error),
+        }
+    }
+    let compared: Vec<report::Compared<'_>> = logs
+        .iter()
+        .map(|(name, log)| report::Compared {
+            name: name.clone(),
+            log,
+            options: super::summary::options(log),
+        })
+        .collect();
+    let names: Vec<&str> = logs.iter().map(|(name, _)| name.as_str()).collect();
+    let path = args.output.clone().unwrap_or_else(|| {
+        let folder = args.runs[0].parent().filter(|p| !p.as_os_str().is_empty());
+        let file: String = format!("compare-{}", names.join("-")).chars().take(180).collect();
+        folder.unwrap_or(Path::new(".")).join(format!("{file}.html"))
+    });
+    let page = report::comparison_html(&compared);
+    if let Err(error) = write_whole(&path, |out| out.write_all(page.as_bytes()).map_err(|e| e.to_string())) {
+        return failed(error);
+    }
+    if args.json {
+        output::json(&report::comparison_json(&compared));
+    } else {
+        output::line(path.display());
+    }
+    Exit::Done
+}
+
+/// What a run is called: its directory's name, or its log's.
+fn short_name(run: &Path) -> String {
+    let name = if run.is_dir() { run.file_name() } else { run.file_stem() };
+    name.map_or_else(|| run.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
 /// `kingpin recover`.

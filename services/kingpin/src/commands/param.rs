@@ -190,9 +190,18 @@ fn run(args: &ParamArgs) -> Result<Exit, Failed> {
         ParamCommand::List { scenario: Some(scenario) } => {
             let resolved = ResolvedBench::load(scenario, &[]).map_err(|p| (Exit::BadInput, p.to_string()))?;
             let defaults = params::defaults(&resolved);
+            let fixed = params::Fixed::on(&resolved);
             let entry = |(parameter, default): (&params::Parameter, &f64)| {
                 let (min, max) = parameter.range(*default);
-                Entry { path: parameter.path.to_owned(), value: *default, default: *default, min, max }
+                let reason = fixed.reason(parameter.id as usize).unwrap_or_default().to_owned();
+                Entry {
+                    path: parameter.path.to_owned(),
+                    value: *default,
+                    default: *default,
+                    min,
+                    max,
+                    fixed: reason,
+                }
             };
             show(args.json, 0, &LIST.iter().zip(&defaults).map(entry).collect::<Vec<_>>());
             Ok(Exit::Done)
@@ -318,7 +327,7 @@ fn show(json: bool, version: u64, entries: &[Entry]) {
             .filter_map(|e| by_path(&e.path).map(|p| (e, p)))
             .map(|(e, p)| {
                 json!({"path": e.path, "value": e.value, "unit": p.unit, "min": e.min, "max": e.max,
-                    "default": e.default, "states": p.states.text(), "service": p.tuner.name(), "doc": p.doc})
+                    "default": e.default, "fixed": e.fixed, "states": p.states.text(), "service": p.tuner.name(), "doc": p.doc})
             })
             .collect();
         output::json(&json!({"version": version, "parameters": rows}));
@@ -329,6 +338,7 @@ fn show(json: bool, version: u64, entries: &[Entry]) {
     for entry in entries {
         let Some(parameter) = by_path(&entry.path) else { continue };
         let range = match parameter.kind {
+            _ if !entry.fixed.is_empty() => "fixed".to_owned(),
             params::Kind::Number => format!("{} to {}", entry.min, entry.max),
             params::Kind::Switch => "off, on".to_owned(),
             params::Kind::Choice(names) => names.join(", "),
@@ -343,7 +353,12 @@ fn show(json: bool, version: u64, entries: &[Entry]) {
             parameter.doc.to_owned(),
         ]);
     }
+    let mut reasons: Vec<&str> = entries.iter().map(|e| e.fixed.as_str()).filter(|r| !r.is_empty()).collect();
+    reasons.dedup();
     output::line(output::columns(&rows).trim_end());
+    for reason in reasons {
+        output::line(format!("fixed: {reason}"));
+    }
 }
 
 fn change(args: &ParamArgs, bench: &Bench, request: &Request) -> Result<Exit, Failed> {

@@ -26,7 +26,7 @@ fn target(signal: Signal) -> (&'static str, &'static str) {
 }
 
 /// What the report lays over: the records of the configuration, within the run, on the run's clock.
-fn options(log: &LogReader) -> ReportOptions {
+pub fn options(log: &LogReader) -> ReportOptions {
     let mut options =
         ReportOptions { title: None, description: None, overlays: Vec::new(), limits: Limits::default() };
     // A log of another version may carry a configuration this one does not read: then without overlays.

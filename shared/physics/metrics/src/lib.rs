@@ -3,6 +3,7 @@
 //! Pure functions of signals: no clock, file, region or configuration. SI units; what a figure is worth
 //! depends on conditions, so a figure that cannot be had is withheld with its reason, never guessed.
 
+pub mod budget;
 pub mod compare;
 pub mod correlation;
 pub mod filter;
