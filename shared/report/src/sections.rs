@@ -18,7 +18,8 @@ pub(crate) fn force_budget(page: &mut String, summary: &RunSummary) {
     *page += "</div><p class=\"note\">Error = what the suspension asks for at an instant − what the steering unit feels at \
               that instant, unfiltered, while steering is active. The parts are signals that add up to it at every tick. \
               Share: mean product of part and whole over the whole's root mean square; the shares add up to that root mean \
-              square, the parts' own root mean squares do not. A negative share makes up for others.</p></section>\n";
+              square, the parts' own root mean squares do not. A negative share makes up for others. Not in it: what the delay of \
+              the measured rack does to what is asked.</p></section>\n";
 }
 
 fn side_budget(page: &mut String, side: &str, budget: &ForceBudget) {
