@@ -215,7 +215,14 @@ impl Desk {
             let default = self.book.defaults()[index];
             let (min, max) = parameter.range(default);
             let fixed = self.book.fixed(index).unwrap_or_default().to_owned();
-            Entry { path: parameter.path.to_owned(), value: self.book.values()[index], default, min, max, fixed }
+            Entry {
+                path: parameter.path.to_owned(),
+                value: self.book.values()[index],
+                default,
+                min,
+                max,
+                fixed,
+            }
         };
         Answer::Parameters {
             version: self.book.version(),
