@@ -165,7 +165,14 @@ fn nobody_gets_in_under_another_name_or_from_another_page() {
     for host in ["evil.example", "evil.example:8470", "127.0.0.1", ""] {
         assert_eq!(get(address, "/", &[("Host", host)]).unwrap().0, 403, "host {host:?}");
     }
-    for path in ["/report/..%2f..%2fetc", "/report/%2e%2e", "/../Cargo.toml", "/report/nothing"] {
+    for path in [
+        "/report/..%2f..%2fetc",
+        "/report/%2e%2e",
+        "/../Cargo.toml",
+        "/report/nothing",
+        "/compare/nothing/nothing",
+        "/compare/..%2f..%2fetc/%2e%2e",
+    ] {
         assert_eq!(get(address, path, &[("Host", &host)]).unwrap().0, 404, "{path}");
     }
     for origin in
@@ -306,6 +313,12 @@ fn ten_thousand_fuzzed_messages_change_nothing() {
         }
     }
     assert_eq!(answered, 400);
+    let whole = |pid: u32| std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let memory = whole(console.child.id());
+    let memory = memory.lines().find(|line| line.starts_with("VmHWM")).unwrap_or("no VmHWM");
+    println!(
+        "{sent} fuzzed messages, half of them with the token: {answered} questions between them answered; {memory}"
+    );
     let after = console.state();
     assert_eq!(before, after, "fuzzing changed the state of the bench");
     // The check can fail: one good message changes it.
@@ -520,7 +533,8 @@ fn the_page_in_a_real_browser() {
     for tab in ["run", "watch", "tune", "timing", "steer", "runs"] {
         page.click(&format!("#tab-{tab}"));
         std::thread::sleep(Duration::from_millis(400));
-        let over = page.run("return document.documentElement.scrollWidth - document.documentElement.clientWidth");
+        let over =
+            page.run("return document.documentElement.scrollWidth - document.documentElement.clientWidth");
         page.picture(&pictures.join(format!("tablet-{tab}.png")));
         assert_eq!(over, 0, "{tab} is wider than a tablet's screen");
     }

@@ -5,7 +5,7 @@
 //! starting, stopping and acknowledging are the operator's too; the manoeuvre's clock starts with the start.
 
 use crate::live;
-use assembly::plan::{RunPlan, request};
+use crate::plan::{RunPlan, request};
 use config::ResolvedBench;
 use operator_link::{Answer, Entry, Operation, Request, Server};
 use params::{Book, Fixed, LIST, Refusal, Schedule, Setting, Values};
@@ -215,7 +215,14 @@ impl Desk {
             let default = self.book.defaults()[index];
             let (min, max) = parameter.range(default);
             let fixed = self.book.fixed(index).unwrap_or_default().to_owned();
-            Entry { path: parameter.path.to_owned(), value: self.book.values()[index], default, min, max, fixed }
+            Entry {
+                path: parameter.path.to_owned(),
+                value: self.book.values()[index],
+                default,
+                min,
+                max,
+                fixed,
+            }
         };
         Answer::Parameters {
             version: self.book.version(),

@@ -59,7 +59,8 @@ mod tests {
         let bench = ResolvedBench::load("slalom_120", &overrides).unwrap();
         let mut book = Book::new(defaults(&bench)).with_fixed(Fixed::on(&bench));
         let before = (*book.values(), book.version());
-        let found = book.set(&[(path.to_owned(), Setting::Number(0.5))], None).err().map(|r| r[0].reason.clone());
+        let found =
+            book.set(&[(path.to_owned(), Setting::Number(0.5))], None).err().map(|r| r[0].reason.clone());
         assert!(found.is_none() || before == (*book.values(), book.version()));
         found
     }

@@ -52,8 +52,12 @@ const ROWS: &[Row] = &[
     ("Peak tie-rod force, right", "N", 1.0, 1, |s| s.peaks.tie_rod_force_n[1]),
     ("Torque over angle: gradient at 0", "N·m/°", 1.0 / DEG, 4, |s| s.torque_over_angle.gradient),
     ("Torque over angle: width at 0", "N·m", 1.0, 3, |s| s.torque_over_angle.width_n_m),
-    ("Torque over lateral acceleration: gradient at 0", "N·m/(m/s²)", 1.0, 4, |s| s.torque_over_acceleration.gradient),
-    ("Torque over lateral acceleration: width at 0", "N·m", 1.0, 3, |s| s.torque_over_acceleration.width_n_m),
+    ("Torque over lateral acceleration: gradient at 0", "N·m/(m/s²)", 1.0, 4, |s| {
+        s.torque_over_acceleration.gradient
+    }),
+    ("Torque over lateral acceleration: width at 0", "N·m", 1.0, 3, |s| {
+        s.torque_over_acceleration.width_n_m
+    }),
     ("Tie-rod force error left, peak", "%", 1.0, 3, |s| s.force_tracking[0].error_max_percent),
     ("Tie-rod force error left, rms", "%", 1.0, 3, |s| s.force_tracking[0].error_rms_percent),
     ("Tie-rod force error right, peak", "%", 1.0, 3, |s| s.force_tracking[1].error_max_percent),
@@ -201,7 +205,8 @@ fn curves_apart(page: &mut String, names: &[&str], apart: &[Apart]) {
         *page += &format!("<tr><td>{} [{}]</td>", escaped(name), escaped(unit));
         for (rms, peak) in values {
             let known = |v: f64| v.is_finite().then_some(v);
-            *page += &format!("<td>{}</td><td>{}</td>", fixed(known(*rms), 1.0, 4), fixed(known(*peak), 1.0, 4));
+            *page +=
+                &format!("<td>{}</td><td>{}</td>", fixed(known(*rms), 1.0, 4), fixed(known(*peak), 1.0, 4));
         }
         *page += "</tr>";
     }
@@ -235,7 +240,11 @@ fn configuration(page: &mut String, runs: &[Compared<'_>]) {
 
 fn shortened(text: &str) -> String {
     const MOST: usize = 80;
-    if text.chars().count() <= MOST { text.to_owned() } else { text.chars().take(MOST).chain(['…']).collect() }
+    if text.chars().count() <= MOST {
+        text.to_owned()
+    } else {
+        text.chars().take(MOST).chain(['…']).collect()
+    }
 }
 
 /// Values of the configuration that are not the same in all runs, by their paths, and how many more there are.
@@ -345,16 +354,11 @@ fn draw(runs: &[Run<'_>], names: &[&str]) -> (Vec<Figure>, Vec<Apart>) {
 }
 
 /// One signal over another, of all runs, while steering is active.
-fn cross(
-    runs: &[Run<'_>],
-    names: &[&str],
-    titles: (&str, &str, &str),
-    x: (&str, f64),
-    y: &str,
-) -> Figure {
+fn cross(runs: &[Run<'_>], names: &[&str], titles: (&str, &str, &str), x: (&str, f64), y: &str) -> Figure {
     let mut figure = Figure::new(titles.0, titles.1, titles.2).layout(&json!({ "hovermode": "closest" }));
     for (i, run) in runs.iter().enumerate() {
-        let column = |name: &str| name.split_once('.').and_then(|(region, column)| run.numbers(region, column));
+        let column =
+            |name: &str| name.split_once('.').and_then(|(region, column)| run.numbers(region, column));
         let (Some(a), Some(b)) = (column(x.0), column(y)) else { continue };
         let active = run.active().filter(|a| a.contains(&true));
         let points: Vec<(f64, f64)> = (0..a.len())

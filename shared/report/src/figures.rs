@@ -224,12 +224,9 @@ impl<'a> Drawer<'a> {
     }
 
     fn torque_over_angle(&self) -> Figure {
-        let mut figure = Figure::new(
-            title::TORQUE_ANGLE,
-            "steering-wheel angle in °",
-            "steering-wheel torque in N·m",
-        )
-        .layout(&json!({ "hovermode": "closest" }));
+        let mut figure =
+            Figure::new(title::TORQUE_ANGLE, "steering-wheel angle in °", "steering-wheel torque in N·m")
+                .layout(&json!({ "hovermode": "closest" }));
         self.record_loop(&mut figure, STEERING, DEG);
         let angle = ("rig_measurement", "steering_wheel_angle_rad");
         if let Some((x, y)) = self.loop_points(angle, ("rig_measurement", "steering_wheel_torque_n_m")) {

@@ -111,8 +111,11 @@ fn of_side(run: &Run<'_>, side: &str) -> Result<ForceBudget, String> {
         values.into_iter().zip(&asked).map(|(v, asked)| if asked.is_nan() { f64::NAN } else { v }).collect()
     };
     let control = explain(&within(minus(&delayed, &read)), &[friction, speed, acceleration]);
-    let mut names =
-        vec!["late or missing commands", "fade and clamping by safety", "delay of the force behind its command"];
+    let mut names = vec![
+        "late or missing commands",
+        "fade and clamping by safety",
+        "delay of the force behind its command",
+    ];
     let mut parts = vec![minus(&asked, &command), minus(&command, &applied), minus(&applied, &delayed)];
     names.extend([
         "control: friction (with the sign of the rack's speed)",
@@ -212,7 +215,8 @@ fn shifted(values: &[f64], ticks: f64) -> Vec<f64> {
         .map(|i| {
             let at = i as f64 - ticks;
             let (low, part) = (at.floor(), at - at.floor());
-            let value = |k: f64| if k < 0.0 { f64::NAN } else { values.get(k as usize).copied().unwrap_or(f64::NAN) };
+            let value =
+                |k: f64| if k < 0.0 { f64::NAN } else { values.get(k as usize).copied().unwrap_or(f64::NAN) };
             // Whole shifts need no neighbour.
             if part == 0.0 { value(low) } else { (1.0 - part) * value(low) + part * value(low + 1.0) }
         })

@@ -9,7 +9,8 @@ use crate::summary::RunSummary;
 
 /// The force-error budget of both sides.
 pub(crate) fn force_budget(page: &mut String, summary: &RunSummary) {
-    *page += "<section id=\"budget\"><h2>Tie-rod force error, where it comes from</h2><div class=\"columns\">";
+    *page +=
+        "<section id=\"budget\"><h2>Tie-rod force error, where it comes from</h2><div class=\"columns\">";
     for (side, budget) in ["left", "right"].into_iter().zip(&summary.force_budget) {
         *page += "<div>";
         side_budget(page, side, budget);
@@ -18,7 +19,8 @@ pub(crate) fn force_budget(page: &mut String, summary: &RunSummary) {
     *page += "</div><p class=\"note\">Error = what the suspension asks for at an instant − what the steering unit feels at \
               that instant, unfiltered, while steering is active. The parts are signals that add up to it at every tick. \
               Share: mean product of part and whole over the whole's root mean square; the shares add up to that root mean \
-              square, the parts' own root mean squares do not. A negative share makes up for others.</p></section>\n";
+              square, the parts' own root mean squares do not. A negative share makes up for others. Not in it: what the delay of \
+              the measured rack does to what is asked.</p></section>\n";
 }
 
 fn side_budget(page: &mut String, side: &str, budget: &ForceBudget) {
@@ -27,8 +29,10 @@ fn side_budget(page: &mut String, side: &str, budget: &ForceBudget) {
          <th>share %</th></tr></thead><tbody>"
     );
     if let Some(reason) = &budget.withheld {
-        *page +=
-            &format!("<tr><td colspan=\"5\" class=\"dim\">withheld: {}</td></tr></tbody></table>", escaped(reason));
+        *page += &format!(
+            "<tr><td colspan=\"5\" class=\"dim\">withheld: {}</td></tr></tbody></table>",
+            escaped(reason)
+        );
         return;
     }
     let whole = budget.rms_n.unwrap_or(f64::NAN);
@@ -48,7 +52,11 @@ fn side_budget(page: &mut String, side: &str, budget: &ForceBudget) {
     }
     *page += &format!(
         "<tr class=\"this\"><td>{}</td><td>{:.2}</td><td>{}</td><td>{}</td><td>100.0</td></tr></tbody></table>",
-        if budget.against_cell { "whole, against the force cell (the true force is not known)" } else { "whole" },
+        if budget.against_cell {
+            "whole, against the force cell (the true force is not known)"
+        } else {
+            "whole"
+        },
         whole,
         fixed(budget.peak_n, 1.0, 1),
         fixed(budget.sum_of_shares_n, 1.0, 2),
@@ -117,10 +125,13 @@ pub(crate) fn source_table(page: &mut String, said: &str, source: &[SourceFigure
             .collect();
         let here = match (links.is_empty(), figure.lacks.is_empty()) {
             (false, true) => links.join("; "),
-            (false, false) => format!("{}; <span class=\"dim\">without {}</span>", links.join("; "), escaped(&figure.lacks)),
+            (false, false) => {
+                format!("{}; <span class=\"dim\">without {}</span>", links.join("; "), escaped(&figure.lacks))
+            }
             (true, _) => "<span class=\"dim\">not in this log</span>".to_owned(),
         };
-        *page += &format!("<tr><td>{}</td><td>{}</td><td>{here}</td></tr>", figure.number, escaped(&figure.shows));
+        *page +=
+            &format!("<tr><td>{}</td><td>{}</td><td>{here}</td></tr>", figure.number, escaped(&figure.shows));
     }
     *page += "</tbody></table></section>\n";
 }

@@ -74,7 +74,10 @@ pub(crate) fn source_figures(run: &Run<'_>, overlays: &[Overlay]) -> (String, Ve
         let number = ["5.3", "5.4", "5.5", "5.6"][place];
         let figure = SourceFigure {
             number,
-            shows: format!("tie-rod forces left and right, command, measurement and error: {}", published.manoeuvre),
+            shows: format!(
+                "tie-rod forces left and right, command, measurement and error: {}",
+                published.manoeuvre
+            ),
             ours: vec![FORCE_LEFT, FORCE_RIGHT, FORCE_ERROR],
             lacks: String::new(),
         };
@@ -107,7 +110,7 @@ pub(crate) fn source_figures(run: &Run<'_>, overlays: &[Overlay]) -> (String, Ve
                 .copied()
                 .collect();
             found.push(SourceFigure {
-                number: if strut { number } else { other },
+                number: if strut { *number } else { other },
                 shows: format!("{shows} ({})", if strut { "struts" } else { "double wishbones" }),
                 ours: ours.to_vec(),
                 lacks: if missing.is_empty() {

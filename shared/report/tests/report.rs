@@ -11,8 +11,8 @@ use regions::{
     rig_flags,
 };
 use report::{
-    Compared, Limits, Outcome, Overlay, ReportOptions, RunSummary, comparison_html, comparison_json, report_html,
-    summarise,
+    Compared, Limits, Outcome, Overlay, ReportOptions, RunSummary, comparison_html, comparison_json,
+    report_html, summarise,
 };
 
 const T: f64 = 1e-3;
@@ -400,9 +400,12 @@ fn figures_of_the_source_are_named_and_what_lacks_is_said() {
     assert!(slalom.contains("no measured record of vehicle_state.acceleration_m_s2.y"));
     // With the record of the road its figures are there too.
     assert!(page("growing_slalom_80", vec![measured()]).contains("Source: figures 5.22, 5.23, 5.27, 5.28."));
-    for (scenario, number) in
-        [("on_centre_120", "5.3"), ("slalom_120", "5.4"), ("lane_change_120", "5.5"), ("sine_with_dwell_80", "5.6")]
-    {
+    for (scenario, number) in [
+        ("on_centre_120", "5.3"),
+        ("slalom_120", "5.4"),
+        ("lane_change_120", "5.5"),
+        ("sine_with_dwell_80", "5.6"),
+    ] {
         let page = page(scenario, Vec::new());
         assert!(page.contains(&format!("manoeuvre of the source&#39;s figure {number}.")), "{scenario}");
         assert_eq!(page.matches(&format!("Source: figure {number}.")).count(), 3, "{scenario}");
@@ -450,15 +453,22 @@ fn runs_are_compared_on_one_page() {
         LogReader::open(&path).unwrap()
     };
     let (a, b) = (open("a", Story::default()), open("b", Story { tripped: true, ..Story::default() }));
-    let compared = |name: &str, log| Compared { name: name.to_owned(), log, options: ReportOptions::default() };
+    let compared =
+        |name: &str, log| Compared { name: name.to_owned(), log, options: ReportOptions::default() };
     let runs = [compared("first <run>", &a), compared("again", &a), compared("tripped", &b)];
     let page = comparison_html(&runs);
     keep("comparison.html", &page);
     let own = own_part(&page);
-    for said in ["first &lt;run&gt;", "Side by side", "minus the first run", "resolved configurations are equal", "FAIL"] {
+    for said in [
+        "first &lt;run&gt;",
+        "Side by side",
+        "minus the first run",
+        "resolved configurations are equal",
+        "FAIL",
+    ] {
         assert!(own.contains(said), "{said}");
     }
-    assert!(!own.contains("<run>") && !own.contains("http"));
+    assert!(!own.contains("<run>") && !own.contains("http://") && !own.contains("https://"));
     let json = comparison_json(&runs);
     let rows = json["figures"].as_array().unwrap();
     let row = |name: &str| rows.iter().find(|row| row["figure"] == name).unwrap();

@@ -109,7 +109,9 @@ fn load_on_the_loop_with_0_1_and_5_clients() {
     let run =
         std::fs::read_dir(&runs).unwrap().map(|e| e.unwrap().path()).find(|p| p.join("log.mcap").exists());
     let log = record::LogReader::open(&run.unwrap()).unwrap();
-    println!("{rounds} rounds of spells of {spell_s} s with 0, 1 and 5 clients of 10 signals at 20 Hz, in changing order");
+    println!(
+        "{rounds} rounds of spells of {spell_s} s with 0, 1 and 5 clients of 10 signals at 20 Hz, in changing order"
+    );
     println!(
         "{:<34} {:>7} {:>8} {:>9} {:>9} {:>9} {:>22}",
         "[us]", "clients", "ticks", "p50", "p99.9", "max", "console's processor"

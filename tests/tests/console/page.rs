@@ -98,7 +98,10 @@ pub fn comparing(page: &browser::Browser, console: &Console, pictures: &std::pat
     page.click("#runs-again");
     page.until("both runs", "document.querySelectorAll('#run-list input[type=checkbox]').length === 2");
     page.click("#compare");
-    page.until("what is missing", "document.querySelector('#compare-said').textContent === 'choose two runs'");
+    page.until(
+        "what is missing",
+        "document.querySelector('#compare-said').textContent === 'choose two runs'",
+    );
     page.run("document.querySelectorAll('#run-list input[type=checkbox]').forEach((box) => box.click())");
     page.click("#compare");
     page.until("both curves", "document.querySelectorAll('#compare-plot .scatterlayer .trace').length === 2");

@@ -59,8 +59,9 @@ pub fn budget(parts: &[Vec<f64>]) -> Option<Budget> {
 /// Samples where the signal or a cause is not finite are NaN in all of them.
 pub fn explain(signal: &[f64], causes: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let len = causes.iter().map(Vec::len).min().unwrap_or(signal.len()).min(signal.len());
-    let used: Vec<usize> =
-        (0..len).filter(|&i| signal[i].is_finite() && causes.iter().all(|cause| cause[i].is_finite())).collect();
+    let used: Vec<usize> = (0..len)
+        .filter(|&i| signal[i].is_finite() && causes.iter().all(|cause| cause[i].is_finite()))
+        .collect();
     let mut rest: Vec<f64> = used.iter().map(|&i| signal[i]).collect();
     let mut before: Vec<Vec<f64>> = Vec::new();
     let mut found = Vec::new();
