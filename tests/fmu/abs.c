@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 enum { SPEED, YAW_RATE, SPIN, RATIO = 6, ACTIVE = 10, SLIP_LOW, SLIP_HIGH, RELEASE, BUILD, FLOOR, RADIUS, OFF_BELOW,
-       YAW_GAIN, FAULT_TIME, FAULT, LABEL, ENABLED, REFERENCES };
+       YAW_GAIN, FAULT_TIME, FAULT, LABEL, ENABLED, TIME, REFERENCES };
 enum { FAULT_NONE, FAULT_NAN, FAULT_CRASH, FAULT_SLEEP, FAULT_LOOP, FAULT_ERROR, FAULT_EXIT, FAULT_LATE };
 
 typedef struct {
@@ -52,7 +52,7 @@ static Status misbehave(Model *m, double end) {
     m->faulted = 1;
     switch (m->fault) {
     case FAULT_NAN:
-        if (since < 0.0045) m->real[RATIO] = NAN;
+        if (since < 0.005) m->real[RATIO] = NAN;
         return Ok;
     case FAULT_CRASH: *nowhere = 1; return Ok;
     case FAULT_SLEEP: if (first) sleep(2); return Ok;
@@ -86,6 +86,7 @@ static Status step(Model *m, double time, double h) {
         m->real[RATIO + i] = fmax(m->ratio[i] - share, m->real[FLOOR]);
     }
     m->active = active;
+    m->real[TIME] = time + h;
     return misbehave(m, time + h);
 }
 
@@ -187,7 +188,7 @@ Status NAME(Reset)(Instance c) { start(c); return Ok; }
 
 Status FLOATS(Get)(Instance c, const Reference r[], size_t n, double value[] LENGTH) {
     for (size_t i = 0; i < n; i++) {
-        if (r[i] >= FAULT || r[i] == ACTIVE) return Error;
+        if ((r[i] >= FAULT && r[i] != TIME) || r[i] == ACTIVE) return Error;
         value[i] = ((Model *)c)->real[r[i]];
     }
     return Ok;

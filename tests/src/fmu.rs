@@ -131,6 +131,9 @@ fn description(fmi: u32) -> String {
             }
         }
     }
+    if fmi == 3 {
+        list += "\n    <Float64 name=\"time\" valueReference=\"23\" causality=\"independent\" unit=\"s\"/>";
+    }
     let (token, structure) = if fmi == 2 {
         ("guid", format!("<Outputs>{structure}</Outputs><InitialUnknowns>{structure}</InitialUnknowns>"))
     } else {

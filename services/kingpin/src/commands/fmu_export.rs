@@ -21,7 +21,7 @@ so, the trajectory is that of `kingpin vehicle simulate` bit for bit.
 Suspension: inputs rack, wheel heights, wheel forces and moments of both sides; outputs tie-rod forces, angles, wheel \
 centres.
 
-The model's library, libkingpin_fmu.so, is built with the executable and is looked for beside it.
+The model's library, libfmu_export.so, is built with the executable and is looked for beside it.
 
 Examples:
   kingpin fmu export --car sedan --out sedan.fmu
@@ -122,10 +122,10 @@ fn library(given: Option<&Path>) -> Result<PathBuf, String> {
     if let Some(given) = given {
         return Ok(given.to_owned());
     }
-    let file = format!("lib{IDENTIFIER}.so");
+    let file = "libfmu_export.so";
     let executable = std::env::current_exe().map_err(|error| error.to_string())?;
     let folder = executable.parent().unwrap_or(Path::new("."));
-    let places = [folder.join(&file), folder.join("deps").join(&file), folder.join("../lib").join(&file)];
+    let places = [folder.join(file), folder.join("deps").join(file), folder.join("../lib").join(file)];
     places.iter().find(|place| place.is_file()).cloned().ok_or_else(|| {
         format!("{file} is not beside the executable ({}): give it with --library", folder.display())
     })
