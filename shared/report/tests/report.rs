@@ -32,6 +32,7 @@ struct Story {
 fn header(scenario: &str, lockstep: bool) -> LogHeader {
     let configuration = "[scenario]\nname = \"x\" # <script>alert('configuration')</script>\n".to_owned();
     LogHeader {
+        decimation: None,
         bench: "demo".into(),
         scenario: scenario.into(),
         run_id: 0xfeed_beef,

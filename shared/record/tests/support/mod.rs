@@ -10,6 +10,7 @@ use regions::{ALL, Kind, RegionId};
 pub fn header(lockstep: bool) -> LogHeader {
     let configuration = "[scenario]\nname = \"lane change\"\n".to_owned();
     LogHeader {
+        decimation: None,
         bench: "test".into(),
         scenario: "lane_change".into(),
         run_id: 0x1234_5678_9abc_def0,
