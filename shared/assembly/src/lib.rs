@@ -7,6 +7,7 @@
 mod can_node;
 mod car;
 pub mod closed_loop;
+mod compliance;
 mod driveline;
 mod guard;
 pub mod identification;
@@ -21,6 +22,7 @@ pub mod wheel;
 
 pub use can_node::{CanNode, CanParts, build_can, can_sources, can_targets, virtual_ecu};
 pub use car::build_car;
+pub use compliance::axle_compliance;
 pub use guard::Guard;
 pub use kinematics::{axle_kinematics, axle_kinematics_in};
 
