@@ -3,5 +3,6 @@
 //! What several of them need stands in [`support`].
 
 pub mod browser;
+pub mod fmu;
 pub mod socket;
 pub mod support;
