@@ -215,7 +215,7 @@ impl Abs {
             } else if slip < 0.08 {
                 self.ratio[i] += 4.0 * h;
             }
-            self.ratio[i] = self.ratio[i].max(0.05).min(1.0);
+            self.ratio[i] = self.ratio[i].clamp(0.05, 1.0);
             let mut share: f64 = 0.0;
             if i < 2 {
                 share = (0.5 * yaw_rate * if i == 0 { 1.0 } else { -1.0 }).max(0.0);

@@ -1,5 +1,6 @@
 //! The car by itself: its files put together, for the bench and for runs without one.
 
+use crate::compliance::with_bushings;
 use crate::{AssemblyError, axle_kinematics_in};
 use config::axle::Axle;
 use config::car::{Car, SteeringSystem};
@@ -13,8 +14,9 @@ use vehicle::{AxleKinematics, Vehicle};
 /// # Errors
 /// [`AssemblyError`] naming the part and everything that is wrong with it.
 pub fn build_car(resolved: &ResolvedCar, step_s: f64) -> Result<Vehicle, AssemblyError> {
-    let maps = maps(&resolved.car, resolved.front_axle.as_ref(), resolved.rear_axle.as_ref(), None)?;
-    assemble(&resolved.car, maps, &resolved.tyres, step_s, true)
+    let axles = [resolved.front_axle.as_ref(), resolved.rear_axle.as_ref()];
+    let maps = maps(&resolved.car, axles[0], axles[1], None)?;
+    assemble(&resolved.car, axles, maps, &resolved.tyres, step_s, true)
 }
 
 /// Kinematics maps, front and rear: swept from hardpoints where the car names them (or found in the directory `kept`), else
@@ -45,9 +47,11 @@ pub(crate) fn maps(
     Ok([map("front axle", front, &car.front, rack_max_m)?, map("rear axle", rear, &car.rear, 0.0)?])
 }
 
-/// Car, maps and tyres (front, rear; or one for both) together; not `settled`: its state is loaded before it is stepped.
+/// Car, axles (front, rear; their bushings' compliance comes to the car's own), maps and tyres (front, rear; or one for
+/// both) together; not `settled`: its state is loaded before it is stepped.
 pub(crate) fn assemble(
     car: &Car,
+    axles: [Option<&Axle>; 2],
     maps: [AxleKinematics; 2],
     tyres: &[TextFile],
     step_s: f64,
@@ -60,8 +64,9 @@ pub(crate) fn assemble(
         None => Err(AssemblyError::new("car", ["no tyre file is named"])),
     };
     let (front, rear) = (parse(0)?, parse(1)?);
+    let car = with_bushings(car, axles).map_err(|(part, faults)| AssemblyError::new(part, faults))?;
     let make = if settled { Vehicle::new } else { Vehicle::unsettled };
-    make(car, maps, [front.clone(), front, rear.clone(), rear], step_s).map_err(|broken| {
+    make(&car, maps, [front.clone(), front, rear.clone(), rear], step_s).map_err(|broken| {
         AssemblyError::new("car", broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
     })
 }

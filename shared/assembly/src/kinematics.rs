@@ -121,7 +121,9 @@ fn read_samples(bytes: &[u8]) -> Option<(Grid, [Vec<KnuckleSample>; 2])> {
 }
 
 fn sample_axle(axle: &Axle, rack_max_m: f64) -> Result<(Grid, [Vec<KnuckleSample>; 2]), Vec<String>> {
-    let mut solver = Suspension::new(axle).map_err(|error| vec![error.to_string()])?;
+    // What gives way under load is compliance, not kinematics (`compliance`): the sweep is that of rigid joints.
+    let rigid = Axle { bushings: None, ..axle.clone() };
+    let mut solver = Suspension::new(&rigid).map_err(|error| vec![error.to_string()])?;
     // A mechanism near its lock may not reach the corners of the grid: narrow it until it does.
     let mut scale = 1.0;
     while scale > 0.35 {

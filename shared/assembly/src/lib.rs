@@ -7,6 +7,7 @@
 mod can_node;
 mod car;
 pub mod closed_loop;
+mod compliance;
 mod driveline;
 mod fmu_node;
 mod guard;
@@ -27,6 +28,7 @@ pub use can_node::{
 };
 pub use car::build_car;
 pub use fmu_node::{FmuFault, FmuNode, FmuPart, Unpacked, build_fmus, check_fmus, fmu_model, fmu_part};
+pub use compliance::axle_compliance;
 pub use guard::Guard;
 pub use kinematics::{axle_kinematics, axle_kinematics_in};
 

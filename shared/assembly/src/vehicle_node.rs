@@ -224,7 +224,8 @@ pub(crate) fn build_vehicle(
     let front_axle = Some(&resolved.front_axle);
     let maps = car::maps(&resolved.car, front_axle, resolved.rear_axle.as_ref(), kept)?;
     sense(&maps[0], resolved)?;
-    let mut vehicle = car::assemble(&resolved.car, maps, &resolved.tyres, period_s, settled)?;
+    let axles = [front_axle, resolved.rear_axle.as_ref()];
+    let mut vehicle = car::assemble(&resolved.car, axles, maps, &resolved.tyres, period_s, settled)?;
     if let Some(section) = &resolved.scenario.equations {
         vehicle.set_equations(section).map_err(|broken| {
             let told = |b: config::Broken| resolved.violation(&format!("equations.{}", b.key), &b.rule);

@@ -55,10 +55,9 @@ impl Unit {
         let mut offset = None;
         let mut parts = 0;
         for (k, quotient) in text.split('/').enumerate() {
-            for (j, term) in quotient.split('*').enumerate() {
+            for term in quotient.split('*') {
                 // N*m/(rad*s): everything behind the stroke divides.
                 let sign = if k == 0 { 1 } else { -1 };
-                let _ = j;
                 let (symbol, power) = power_of(term)?;
                 let (_, exponents, factor, zero) = SYMBOLS.iter().find(|(name, ..)| *name == symbol)?;
                 let power = sign * power;

@@ -467,17 +467,32 @@ impl Driveline {
                     CouplingMap::Converter { torque_ratio, capacity, lock_up_n_m, .. } => {
                         let open = 1.0 - s.lock_up;
                         if ratio != 0.0 && open > 0.0 {
+                            // A wheel whose brake holds it through this sub-step does not give way to the turbine's
+                            // torque: it stands, and brings no compliance to the implicit step.
+                            let (_, first) = CouplingMap::converter(torque_ratio, capacity, crank, turbine);
+                            let torque = open * first;
+                            let (mut give, mut moving) = (0.0, 0.0);
+                            for i in 0..4 {
+                                let lever = ratio * self.weight[i];
+                                let pull = spin[i].abs() * self.inertia[i] / h + (lever * torque).abs();
+                                if pull > brake_capacity_n_m[i] {
+                                    give += lever * lever / self.inertia[i];
+                                    moving += lever * spin[i];
+                                }
+                            }
+                            turbine = moving;
                             let (pump, wheel) =
                                 CouplingMap::converter(torque_ratio, capacity, crank, turbine);
                             let (pump1, _) =
                                 CouplingMap::converter(torque_ratio, capacity, crank + 1.0, turbine);
                             let (_, wheel1) =
                                 CouplingMap::converter(torque_ratio, capacity, crank, turbine + 1.0);
-                            let pump = open * pump / (1.0 + h * (pump1 - pump).max(0.0) / engine.inertia);
-                            let wheel =
-                                open * wheel / (1.0 + h * (wheel - wheel1).max(0.0) * inverse_inertia);
+                            // The turbine is fed by what the pump takes over the sub-step, both implicit in the crank.
+                            let fed = open / (1.0 + h * (pump1 - pump).max(0.0) / engine.inertia);
+                            let pump = fed * pump;
+                            let wheel = fed * wheel / (1.0 + h * (wheel - wheel1).max(0.0) * give);
                             crank -= h * pump / engine.inertia;
-                            turbine += h * wheel * inverse_inertia;
+                            turbine += h * wheel * give;
                             shaft += wheel;
                         }
                         s.lock_up * lock_up_n_m

@@ -168,6 +168,9 @@ pub struct WheelOutput {
     pub damper_force_n: f64,
     /// Loaded radius. [m]
     pub loaded_radius_m: f64,
+    /// Power that the tyre's forces in the road plane and its moments give the wheel and the car: negative while it
+    /// takes (slides, rolls, is being loaded), positive only while its carcass gives back. [W]
+    pub tyre_power_w: f64,
 }
 
 /// The car at the end of a step.

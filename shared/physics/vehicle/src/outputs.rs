@@ -100,6 +100,7 @@ impl Vehicle {
             wheel.damper_force_n = found.damper_n[i];
             wheel.spring_force_n = self.suspension[axle].spring_n(side, s.travel[i]);
             wheel.loaded_radius_m = contact.radius_m;
+            wheel.tyre_power_w = found.power_w[i];
             if axle == 0 {
                 let kingpin = map.kingpin(s.travel[i], s.rack);
                 let arm = station.r - self.design[i] - kingpin.point_m;

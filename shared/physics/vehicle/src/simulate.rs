@@ -86,6 +86,8 @@ pub struct Simulation {
     row: usize,
     /// Steps done.
     n: u64,
+    /// Rows whose steering was not reached.
+    unreached: usize,
 }
 
 impl Simulation {
@@ -149,9 +151,16 @@ impl Simulation {
             }
         }
         match (steer, longitudinal) {
-            (Some((by, steer)), Some(longitudinal)) if problems.is_empty() => {
-                Ok(Self { time, by, steer, longitudinal, ignored: table.ignored().to_vec(), row: 0, n: 0 })
-            }
+            (Some((by, steer)), Some(longitudinal)) if problems.is_empty() => Ok(Self {
+                time,
+                by,
+                steer,
+                longitudinal,
+                ignored: table.ignored().to_vec(),
+                row: 0,
+                n: 0,
+                unreached: 0,
+            }),
             _ => Err(problems),
         }
     }
@@ -160,6 +169,12 @@ impl Simulation {
     #[must_use]
     pub fn ignored(&self) -> &[String] {
         &self.ignored
+    }
+
+    /// Rows so far at which the rack was not where the table wants it: beyond its stop, or faster than it follows.
+    #[must_use]
+    pub fn unreached(&self) -> usize {
+        self.unreached
     }
 
     /// Rows in all.
@@ -201,6 +216,15 @@ impl Simulation {
                 self.n += 1;
             }
         }
+        let (asked, rack) = (self.steer[self.row], vehicle.output().rack_displacement_m);
+        self.unreached += usize::from(match self.by {
+            SteerBy::Rack => (asked - rack).abs() > 1e-6,
+            SteerBy::RoadWheel => {
+                let sides = &vehicle.kinematics()[0].sides;
+                (asked - 0.5 * (sides[0].steer_rad(0.0, rack) + sides[1].steer_rad(0.0, rack))).abs() > 1e-5
+            }
+            SteerBy::SteeringWheel => false,
+        });
         put_row(vehicle, self.time[self.row], values);
         self.row += 1;
         true

@@ -148,4 +148,18 @@ impl Contact {
             turn_rad_s: turning.dot(n),
         }
     }
+
+    /// Keeps the contact point at least `least_m` below the wheel centre: of a car on its side a wheel centre may come
+    /// under the road, and a lever of the wrong sign would drive the wheel.
+    pub fn keep_radius(&mut self, station: &Station, least_m: f64) {
+        if self.radius_m >= least_m {
+            return;
+        }
+        self.radius_m = least_m;
+        self.c = -self.x.cross(&station.s) * least_m;
+        let turning = station.w - station.s * station.s.dot(&station.w);
+        let at_contact = station.v + turning.cross(&self.c);
+        self.vx_m_s = at_contact.dot(&self.x);
+        self.vy_m_s = at_contact.dot(&self.y);
+    }
 }

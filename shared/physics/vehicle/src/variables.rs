@@ -312,6 +312,9 @@ const WHEEL_EXPORTS: &[(&str, &str, &str, Getter)] = &[
     ("spring_force_n", "N", "spring and stops at the wheel", |o, i| o.wheels[i].spring_force_n),
     ("damper_force_n", "N", "damper at the wheel, bump positive", |o, i| o.wheels[i].damper_force_n),
     ("loaded_radius_m", "m", "loaded radius", |o, i| o.wheels[i].loaded_radius_m),
+    ("tyre_power_w", "W", "power of the tyre's forces on the car, negative: taken", |o, i| {
+        o.wheels[i].tyre_power_w
+    }),
 ];
 
 /// A resolved export.

@@ -47,6 +47,8 @@ const HOLD_PRESSURE_PA: f64 = 3e6;
 /// Cosine of the lean at which a tread has left the road, and from which it lies on it wholly.
 const UPRIGHT_NONE: f64 = 0.2;
 const UPRIGHT_FULL: f64 = 0.4;
+/// Largest inclination told to a tyre, of a car on its side: a car's tyre has no camber thrust to extrapolate there. [rad]
+const CAMBER_MAX_RAD: f64 = 0.35;
 /// A tyre is not pressed in further than to this share of its free radius.
 const RADIUS_SHARE_MIN: f64 = 0.4;
 /// Least friction of a road. [-]
@@ -96,6 +98,7 @@ pub(crate) struct Found {
     pub(crate) angular: Vector3<f64>,
     pub(crate) damper_n: [f64; WHEELS],
     pub(crate) steering_n_m: f64,
+    pub(crate) power_w: [f64; WHEELS],
 }
 
 impl Vehicle {
@@ -511,7 +514,9 @@ impl Vehicle {
                 - road.slope_x * (centre.x - control.over[i][0])
                 - road.slope_y * (centre.y - control.over[i][1]);
             let normal = to_body * Vector3::new(-road.slope_x / norm, -road.slope_y / norm, 1.0 / norm);
-            Contact::new(&stations[i], &normal, above / norm, 0.0)
+            let mut contact = Contact::new(&stations[i], &normal, above / norm, 0.0);
+            contact.keep_radius(&stations[i], RADIUS_SHARE_MIN * self.tyres[i].free_radius_m(s.spin[i]));
+            contact
         });
         if let Some(peer) = &self.peer {
             peer.adjust(&mut contacts, &stations, &s.travel, &s.angular, &to_earth);
@@ -521,6 +526,7 @@ impl Vehicle {
         let mut forces = [Vector3::zeros(); WHEELS];
         let mut moments = [Vector3::zeros(); WHEELS];
         let mut about_spin = [0.0; WHEELS];
+        let mut power_w = [0.0; WHEELS];
         for i in 0..WHEELS {
             let (contact, tyre, spin, pressure) =
                 (&contacts[i], &self.tyres[i], s.spin[i], self.pressure_pa[i]);
@@ -540,7 +546,7 @@ impl Vehicle {
                 slip_speed_x_m_s: contact.vx_m_s - spin * rolling,
                 slip_speed_y_m_s: contact.vy_m_s,
                 spin_rate_rad_s: contact.turn_rad_s,
-                camber_rad: contact.inclination_rad,
+                camber_rad: contact.inclination_rad.clamp(-CAMBER_MAX_RAD, CAMBER_MAX_RAD),
                 pressure_pa: pressure,
                 friction_scale: [friction.clamp(FRICTION_MIN, 2.0); 2],
             };
@@ -562,8 +568,13 @@ impl Vehicle {
             about_spin[i] = stations[i].s.dot(&at_centre);
             forces[i] = on_wheel;
             moments[i] = at_centre - stations[i].s * about_spin[i];
+            let turning = stations[i].w - stations[i].s * stations[i].s.dot(&stations[i].w);
             tyre_forces[i] = f;
             load_n[i] = fz;
+            // At the wheel all but the vertical spring's part: force along the normal by the contact's speed along it.
+            let station = &stations[i];
+            let lift = fz * (station.v + turning.cross(&contact.c)).dot(&contact.n);
+            power_w[i] = on_wheel.dot(&station.v) + moments[i].dot(&station.w) + about_spin[i] * spin - lift;
         }
 
         if let Some(peer) = &self.peer {
@@ -670,6 +681,7 @@ impl Vehicle {
             angular: acc.angular,
             damper_n,
             steering_n_m,
+            power_w,
         }
     }
 

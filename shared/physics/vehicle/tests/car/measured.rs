@@ -1,7 +1,8 @@
 //! Against a measured car: the BMW M8's double lane change of the roadview project (spec 3.3).
 //!
 //! Steering and speed are the input. Parameters as in the car file; its tyre scale factors were fitted on the first half
-//! of the manoeuvre, the second half is the check; `KINGPIN_MEASURED_PLOT=m8.html` plots both. Hardpoints are not the car's own, so constants stand in here.
+//! of the manoeuvre, the second half is the check; `KINGPIN_MEASURED_PLOT=m8.html` plots both. Hardpoints are not the car's
+//! own, so constants stand in here.
 
 use crate::support::*;
 use config::car::SteeringSystem;
@@ -47,7 +48,7 @@ fn plot(history: &[[f64; 7]]) -> String {
             start + span
         );
         page += "<path d=\"M0 130H900\" stroke=\"#ccc\"/>";
-        let parted = 900.0 * 4.0 / span;
+        let parted = 900.0 * PARTED_S / span;
         page += &format!("<path d=\"M{parted:.1} 0V260\" stroke=\"#88f\" stroke-dasharray=\"4\"/>");
         for (column, colour) in [(k + 1, "black"), (k, "red")] {
             page += &format!("<polyline fill=\"none\" stroke=\"{colour}\" points=\"");
@@ -62,15 +63,26 @@ fn plot(history: &[[f64; 7]]) -> String {
     page
 }
 
-#[test]
-fn double_lane_change_of_a_real_car() {
+/// A run of the car by the measured steering and speed.
+struct Run {
+    /// Time, then found and measured of yaw rate, lateral acceleration, roll; every 10 ms.
+    history: Vec<[f64; 7]>,
+    /// Sums of squared differences over the two halves, every step; and their numbers.
+    squares: [[f64; 3]; 2],
+    counts: [f64; 2],
+    /// Of the measured signals.
+    peaks: [f64; 3],
+}
+
+/// The part of the record that is driven: 4 s to fit on, 3 s to check on. [s]
+const START_S: f64 = 8.5;
+const PARTED_S: f64 = 4.0;
+const LENGTH_S: f64 = 7.0;
+
+fn run(step_s: f64) -> Option<Run> {
     let folder = "measured/bmw_m8_roadview";
-    let (Some(bus), Some(inputs)) = (
-        reference(&format!("{folder}/double_lane_change_car_bus.csv")),
-        reference(&format!("{folder}/double_lane_change_inputs_200Hz.csv")),
-    ) else {
-        return;
-    };
+    let bus = reference(&format!("{folder}/double_lane_change_car_bus.csv"))?;
+    let inputs = reference(&format!("{folder}/double_lane_change_inputs_200Hz.csv"))?;
     let bus = columns(&bus, &["car_time", "Velocity_X", "Yaw_Velocity", "Acceleration_Y", "Roll"]);
     let steer = columns(&inputs, &["time", "steering"]);
     let mut section = with_constants(car("bmw_m8"));
@@ -78,21 +90,18 @@ fn double_lane_change_of_a_real_car() {
         // The constants' own ratio, so that 14.3 hand-wheel radians make one of road wheel.
         *rack_per_steering_wheel_m_rad = -1.0 / (14.3 * 7.3);
     }
-    let (f, r) = (tyre("bmw_m8_front.tir"), tyre("bmw_m8_rear.tir"));
-    let mut v = vehicle::Vehicle::new(&section, maps(&section), [f.clone(), f, r.clone(), r], 1e-3).unwrap();
-    let start = 8.5;
+    let mut v = build_with_step(&section, step_s);
     let speed = |t: f64| smooth(&bus[0], &bus[1], t, 0.1);
-    let mut input = VehicleInput { target_speed_m_s: Some(speed(start)), ..VehicleInput::default() };
-    let straight = smooth(&steer[0], &steer[1], start, 0.4);
-    let zero = smooth(&bus[0], &bus[4], start, 0.4);
-    v.reset(speed(start), &input);
-    let mut halves = [[0.0; 3]; 2];
-    let mut counts = [0.0; 2];
-    let mut peaks = [0.0f64; 3];
-    let mut history: Vec<[f64; 7]> = Vec::new();
-    for n in 0..7000 {
-        let t = start + 1e-3 * f64::from(n);
-        input.time_s = 1e-3 * f64::from(n);
+    let mut input = VehicleInput { target_speed_m_s: Some(speed(START_S)), ..VehicleInput::default() };
+    let straight = smooth(&steer[0], &steer[1], START_S, 0.4);
+    let zero = smooth(&bus[0], &bus[4], START_S, 0.4);
+    v.reset(speed(START_S), &input);
+    let mut run = Run { history: Vec::new(), squares: [[0.0; 3]; 2], counts: [0.0; 2], peaks: [0.0; 3] };
+    let each = (0.01 / step_s).round() as usize;
+    for n in 0..(LENGTH_S / step_s).round() as usize {
+        let since = step_s * n as f64;
+        let t = START_S + since;
+        input.time_s = since;
         input.target_speed_m_s = Some(speed(t));
         input.steering_wheel_angle_rad = 20.0 * (interpolate(&steer[0], &steer[1], t) - straight);
         v.step(&input);
@@ -103,34 +112,29 @@ fn double_lane_change_of_a_real_car() {
             smooth(&bus[0], &bus[3], t, 0.05),
             smooth(&bus[0], &bus[4], t, 0.05) - zero,
         ];
-        if n % 10 == 0 {
-            history.push([t, found[0], measured[0], found[1], measured[1], found[2], measured[2]]);
+        if n % each == 0 {
+            run.history.push([t, found[0], measured[0], found[1], measured[1], found[2], measured[2]]);
         }
-        let half = usize::from(n >= 4000);
-        counts[half] += 1.0;
+        let half = usize::from(since >= PARTED_S);
+        run.counts[half] += 1.0;
         for k in 0..3 {
-            halves[half][k] += (found[k] - measured[k]).powi(2);
-            peaks[k] = peaks[k].max(measured[k].abs());
-        }
-        if std::env::var("KINGPIN_MEASURED").is_ok() && n % 200 == 0 {
-            println!(
-                "{t:.1} sw {:.3} yaw rate {:.3} {:.3}  ay {:.2} {:.2}  roll {:.4} {:.4}",
-                input.steering_wheel_angle_rad,
-                found[0],
-                measured[0],
-                found[1],
-                measured[1],
-                found[2],
-                measured[2]
-            );
+            run.squares[half][k] += (found[k] - measured[k]).powi(2);
+            run.peaks[k] = run.peaks[k].max(measured[k].abs());
         }
     }
+    Some(run)
+}
+
+#[test]
+fn double_lane_change_of_a_real_car() {
+    let Some(run) = run(1e-3) else { return };
     if let Ok(path) = std::env::var("KINGPIN_MEASURED_PLOT") {
-        std::fs::write(&path, plot(&history)).unwrap();
+        std::fs::write(&path, plot(&run.history)).unwrap();
         println!("plotted to {path}");
     }
     for (half, name) in [(0, "first half (fitted)"), (1, "second half (checked)")] {
-        let rms: Vec<f64> = (0..3).map(|k| (halves[half][k] / counts[half]).sqrt() / peaks[k]).collect();
+        let rms: Vec<f64> =
+            (0..3).map(|k| (run.squares[half][k] / run.counts[half]).sqrt() / run.peaks[k]).collect();
         println!(
             "{name}: rms of the peak: yaw rate {:.1} %, lateral acceleration {:.1} %, roll {:.1} %",
             100.0 * rms[0],
@@ -139,4 +143,13 @@ fn double_lane_change_of_a_real_car() {
         );
         assert!(rms[0] < 0.085 && rms[1] < 0.07, "{name}: {rms:?}");
     }
+}
+
+#[test]
+fn halving_the_step_in_the_measured_lane_change() {
+    let (Some(coarse), Some(fine)) = (run(1e-3), run(5e-4)) else { return };
+    let peak = |run: &Run| run.history.iter().fold(0.0f64, |m, row| m.max(row[3].abs()));
+    let change = 100.0 * (peak(&coarse) / peak(&fine) - 1.0);
+    println!("peak {:.3} m/s2 at 0.5 ms, {change:+.3} % at 1 ms", peak(&fine));
+    assert!(change.abs() < 0.5, "{change:+.3} %");
 }

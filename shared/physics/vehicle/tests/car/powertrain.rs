@@ -52,15 +52,10 @@ fn automatic_gearbox_shifts_up_and_kicks_down() {
 #[test]
 fn converter_stalls_at_the_balance_of_its_capacity_and_creeps() {
     let c = with_constants(car("sedan"));
-    // At a tenth of the beat: within a step the turbine runs ahead as if no brake held it, which at 1 ms takes a
-    // twentieth off its torque at the stall, in proportion to the step.
-    let mut v = build_with_step(&c, 1e-4);
+    let mut v = build(&c);
     let mut input = VehicleInput { throttle: 1.0, brake_pressure_pa: 1.6e7, ..VehicleInput::default() };
     v.reset(0.0, &VehicleInput { brake_pressure_pa: 1.6e7, ..VehicleInput::default() });
-    for n in 0..40_000 {
-        input.time_s = 1e-4 * f64::from(n);
-        v.step(&input);
-    }
+    drive(&mut v, &mut input, 4.0, |_| {});
     let o = *v.output();
     // The differential's friction moves a twentieth from one side to the other: the mean.
     let found = 0.5 * (o.wheels[0].drive_torque_n_m + o.wheels[1].drive_torque_n_m);
@@ -74,7 +69,7 @@ fn converter_stalls_at_the_balance_of_its_capacity_and_creeps() {
         found
     );
     assert!((o.engine_torque_n_m / pump - 1.0).abs() < 0.01);
-    assert!((found / wheel - 1.0).abs() < 0.02);
+    assert!((found / wheel - 1.0).abs() < 1e-3);
     assert!(o.velocity_m_s[0].abs() < 0.02);
     // Brakes off, throttle closed: creeps.
     let mut v = build(&c);

@@ -1,5 +1,6 @@
 //! To the limit and past it: nothing blows up, nothing creates energy (spec 3.3, Limit).
 
+use crate::limits::tall_on_plain_tyres;
 use crate::numerics::sine_with_dwell;
 use crate::support::*;
 use vehicle::{GearMode, RoadContact, VehicleInput, VehicleOutput};
@@ -36,15 +37,20 @@ pub fn sane(o: &VehicleOutput) -> bool {
 #[test]
 fn random_inputs_never_blow_up() {
     let steps_each = 100;
+    // `KINGPIN_RANDOM_INPUTS=100000` for the whole count.
     let inputs: usize =
         std::env::var("KINGPIN_RANDOM_INPUTS").ok().and_then(|v| v.parse().ok()).unwrap_or(5000);
-    for name in ["sedan", "vw_vanagon"] {
-        let mut v = build(&with_constants(car(name)));
+    let cars = [("sedan", build(&with_constants(car("sedan")))), ("tall van", tall_on_plain_tyres())];
+    for (name, mut v) in cars {
         let mut random = Random(0x5EED_0001);
         let mut input = VehicleInput::default();
         let mut peak = 0.0f64;
+        let mut account = TyreAccount::new(1e-3);
+        let mut taken = 0.0;
         for n in 0..inputs / 2 {
             if n % 50 == 0 {
+                taken += account.taken_j();
+                account = TyreAccount::new(1e-3);
                 let speed = random.between(-10.0, 70.0);
                 input = VehicleInput { target_speed_m_s: Some(speed), ..VehicleInput::default() };
                 input.gear_mode = if speed < 0.0 { GearMode::Reverse } else { GearMode::Drive };
@@ -74,10 +80,17 @@ fn random_inputs_never_blow_up() {
             for _ in 0..steps_each {
                 v.step(&input);
                 peak = peak.max(v.output().velocity_m_s[0].abs());
+                if let Err(told) = account.book(v.output()) {
+                    panic!("{name} input {n}: {told}; {input:?}");
+                }
             }
             assert!(sane(v.output()), "{name} input {n}: {input:?} gave {:?}", v.output());
         }
-        println!("{name}: {} random inputs of {steps_each} steps, fastest {peak:.1} m/s", inputs / 2);
+        println!(
+            "{name}: {} random inputs of {steps_each} steps, fastest {peak:.1} m/s, the tyres took {:.1} MJ",
+            inputs / 2,
+            1e-6 * taken
+        );
     }
 }
 
@@ -91,6 +104,7 @@ fn sine_with_dwell_grows_to_a_spin() {
         let mut input = hold(27.78);
         v.reset(27.78, &input);
         let mut slip = 0.0f64;
+        let mut account = TyreAccount::new(1e-3);
         for n in 0..6000 {
             input.time_s = 1e-3 * f64::from(n);
             input.steering_wheel_angle_rad = sine_with_dwell(input.time_s, amplitude);
@@ -99,6 +113,7 @@ fn sine_with_dwell_grows_to_a_spin() {
             }
             v.step(&input);
             assert!(sane(v.output()), "amplitude {amplitude} step {n}: {:?}", v.output());
+            account.add(v.output());
             slip = slip.max(v.output().side_slip_angle_rad.abs());
         }
         println!(
@@ -106,9 +121,10 @@ fn sine_with_dwell_grows_to_a_spin() {
             amplitude.to_degrees(),
             slip.to_degrees()
         );
+        account.close("    its tyres");
         most = most.max(slip);
     }
-    assert!(most.to_degrees() > 8.0, "never near a spin: {most}");
+    assert!(most.to_degrees() > 90.0, "never spins: {most}");
 }
 
 #[test]
@@ -125,6 +141,7 @@ fn stands_on_a_slope_by_its_brakes() {
         }
     }
     let mut place = v.output().position_m;
+    let mut account = TyreAccount::new(1e-3);
     for n in 0..20000 {
         input.time_s = 1e-3 * f64::from(n);
         for (road, w) in input.road.iter_mut().zip(&v.output().wheels) {
@@ -132,6 +149,7 @@ fn stands_on_a_slope_by_its_brakes() {
         }
         v.step(&input);
         assert!(sane(v.output()), "step {n}");
+        account.add(v.output());
         if n == 5000 {
             place = v.output().position_m;
         }
@@ -150,7 +168,9 @@ fn stands_on_a_slope_by_its_brakes() {
             road.height_m = 0.15 * w.centre_position_m[0];
         }
         v.step(&input);
+        account.add(v.output());
     }
+    account.close("slope");
     let rolled = v.output().velocity_m_s[0];
     assert!((-2.9..-2.3).contains(&rolled), "rolls back at {rolled} m/s after 2 s");
 }
@@ -165,11 +185,14 @@ fn brakes_to_standstill_on_split_friction() {
     for i in [0, 2] {
         input.road[i].friction = 0.3;
     }
+    let mut account = TyreAccount::new(1e-3);
     for n in 0..9000 {
         input.time_s = 1e-3 * f64::from(n);
         v.step(&input);
         assert!(sane(v.output()), "step {n}: {:?}", v.output());
+        account.add(v.output());
     }
+    account.close("split friction");
     let o = v.output();
     let speed = o.velocity_m_s[0].hypot(o.velocity_m_s[1]);
     println!(
@@ -189,13 +212,16 @@ fn parks_jumps_and_reverses() {
     let mut input = VehicleInput { hand_brake: 1.0, gear_mode: GearMode::Neutral, ..VehicleInput::default() };
     v.reset(0.0, &input);
     let mut torque = 0.0f64;
+    let mut account = TyreAccount::new(1e-3);
     for n in 0..8000 {
         input.time_s = 1e-3 * f64::from(n);
         input.steering_wheel_angle_rad = 7.0 * (std::f64::consts::TAU * 0.2 * input.time_s).sin();
         v.step(&input);
         assert!(sane(v.output()), "parking step {n}");
         torque = torque.max(v.output().rack_force_n.abs());
+        account.add(v.output());
     }
+    account.close("parking");
     println!(
         "parking: rack force up to {torque:.0} N, wheel torque now {:.2} N·m",
         v.output().steering_torque_n_m
@@ -205,6 +231,7 @@ fn parks_jumps_and_reverses() {
     let mut input = hold(20.0);
     v.reset(20.0, &input);
     let mut air = 0;
+    let mut account = TyreAccount::new(1e-3);
     for n in 0..3000 {
         input.time_s = 1e-3 * f64::from(n);
         for (road, w) in input.road.iter_mut().zip(&v.output().wheels) {
@@ -215,18 +242,23 @@ fn parks_jumps_and_reverses() {
         v.step(&input);
         assert!(sane(v.output()), "jump step {n}: {:?}", v.output());
         air += i32::from(v.output().wheels.iter().all(|w| w.fz_n == 0.0));
+        account.add(v.output());
     }
+    account.close("jump");
     println!("jump: {air} ms with all wheels off the road");
     assert!(air > 100, "did not jump");
     // Backwards.
     let mut input = VehicleInput { gear_mode: GearMode::Reverse, ..hold(-4.0) };
     v.reset(-4.0, &input);
+    let mut account = TyreAccount::new(1e-3);
     for n in 0..4000 {
         input.time_s = 1e-3 * f64::from(n);
         input.steering_wheel_angle_rad = 1.0;
         v.step(&input);
         assert!(sane(v.output()), "reverse step {n}");
+        account.add(v.output());
     }
+    account.close("reverse");
     let o = v.output();
     assert!((o.velocity_m_s[0] + 4.0).abs() < 0.2, "reverses at {}", o.velocity_m_s[0]);
     assert!(

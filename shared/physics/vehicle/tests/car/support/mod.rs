@@ -149,3 +149,72 @@ pub fn build_with_step(car: &Car, step_s: f64) -> Vehicle {
 pub fn hold(speed: f64) -> VehicleInput {
     VehicleInput { target_speed_m_s: Some(speed), ..VehicleInput::default() }
 }
+
+/// What the tyres did to the car: the work of each, and how much went to and fro. [J]
+pub struct TyreAccount {
+    step_s: f64,
+    work: [f64; 4],
+    traffic: [f64; 4],
+    worst: f64,
+}
+
+/// What may stand in a carcass when an account is opened. [J]
+const CARCASS_J: f64 = 30.0;
+/// Rounding of the sum over steps, of what went to and fro.
+const ACCOUNT_SHARE: f64 = 0.005;
+
+impl TyreAccount {
+    pub fn new(step_s: f64) -> Self {
+        Self { step_s, work: [0.0; 4], traffic: [0.0; 4], worst: f64::MIN }
+    }
+
+    /// Books a step. `Err` with the wheel and its work once a tyre has given more than it was given.
+    pub fn book(&mut self, o: &vehicle::VehicleOutput) -> Result<(), String> {
+        self.book_on_turning_road(o, 0.0)
+    }
+
+    /// The same while the road itself turns about the wheels' x axis: what it does by the overturning moment is the road's
+    /// work, not the tyre's.
+    pub fn book_on_turning_road(
+        &mut self,
+        o: &vehicle::VehicleOutput,
+        road_roll_rate_rad_s: f64,
+    ) -> Result<(), String> {
+        for (i, w) in o.wheels.iter().enumerate() {
+            let power = w.tyre_power_w - w.mx_n_m * road_roll_rate_rad_s;
+            self.work[i] += power * self.step_s;
+            self.traffic[i] += power.abs() * self.step_s;
+            self.worst = self.worst.max(self.work[i]);
+            let most = CARCASS_J + ACCOUNT_SHARE * self.traffic[i];
+            if self.work[i] > most || self.work[i].is_nan() {
+                return Err(format!(
+                    "tyre {i} has made energy: gave {:.1} J, {:.0} J to and fro",
+                    self.work[i], self.traffic[i]
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Books a step; a tyre that makes energy fails the test.
+    #[track_caller]
+    pub fn add(&mut self, o: &vehicle::VehicleOutput) {
+        if let Err(told) = self.book(o) {
+            panic!("at {:.3} s: {told}", o.time_s);
+        }
+    }
+
+    /// Prints the sums. A car that was moved has taken energy through every tyre.
+    pub fn close(&self, what: &str) {
+        println!(
+            "{what}: the tyres took {:.0?} J, never gave more than {:.2} J, {:.0?} J to and fro",
+            self.work.map(|w| -w),
+            self.worst,
+            self.traffic
+        );
+    }
+
+    pub fn taken_j(&self) -> f64 {
+        -self.work.iter().sum::<f64>()
+    }
+}
