@@ -351,6 +351,7 @@ extends = "slalom_120"
 name = "with_can"
 [can]
 mapping_file = "steering_rest_bus"
+assist = "ecu"
 faults = [
     { message = "VehicleSpeed", fault = "wrong_crc", start_s = 1.5, end_s = 1.7 },
     { message = "SteeringSensors", fault = "stale_counter", start_s = 2.0, end_s = 2.1 },
@@ -396,6 +397,81 @@ fn in_lockstep_the_bus_is_in_memory_and_runs_are_equal_in_one_process_and_as_the
     assert_eq!(column("can", "message_timeout_count.0")[last], 1.0);
     assert_eq!(column("can", "withheld_count")[last], 0.0);
     assert!(column("can", "sent_count")[last] > 2200.0);
+}
+
+/// The loop over CAN: the unit's motor gives what the ECU on the bus asks for, and nothing where that has a reason not
+/// to. What the driver feels says so: torsion bar and assist together carry what the bar alone carries without assist.
+#[test]
+fn the_ecu_on_the_bus_drives_the_assist_and_its_silence_is_safe() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, faults: &str| {
+        let path = folder.path().join(format!("{name}.toml"));
+        let text = format!(
+            "extends = \"slalom_120\"\nname = \"{name}\"\nduration_s = 12.0\n[can]\n\
+             mapping_file = \"steering_rest_bus\"\nassist = \"ecu\"\nfaults = [{faults}]\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        path.to_string_lossy().into_owned()
+    };
+    // Without the engine's message the ECU is there, and does not assist.
+    let unassisted = "{ message = \"Engine\", fault = \"drop\", start_s = 0.0 }";
+    // A gap it gets over, then silence.
+    let silent = "{ message = \"EPS_Torque\", fault = \"drop\", start_s = 6.0, end_s = 6.3 }, \
+                  { message = \"EPS_Torque\", fault = \"drop\", start_s = 9.0 }";
+    let logs: Vec<LogReader> = [("assisted", "", 0), ("unassisted", unassisted, 0), ("silent", silent, 1)]
+        .into_iter()
+        .map(|(name, faults, code)| {
+            let file = write(name, faults);
+            let output = run_bench(folder.path(), &file, &format!("ecu-{name}"), &["--lockstep"]);
+            assert_eq!(output.status.code(), Some(code), "{name}: {}", text(&output.stderr));
+            LogReader::open(&folder.path().join(format!("ecu-{name}"))).unwrap()
+        })
+        .collect();
+    let column = |run: usize, region: &str, name: &str| logs[run].column(region, name).unwrap();
+    let window = 5000..10_000;
+    let rms = |run: usize, name: &str| {
+        let v = column(run, "rig_measurement", name);
+        (window.clone().map(|n| v[n] * v[n]).sum::<f64>() / window.len() as f64).sqrt()
+    };
+    let (with, without) = (rms(0, "torsion_bar_torque_n_m"), rms(1, "torsion_bar_torque_n_m"));
+    let assist = rms(0, "assist_torque_n_m");
+    println!("torsion bar {with:.3} N·m rms with the ECU, {without:.3} without; assist {assist:.3}");
+    assert!(rms(1, "assist_torque_n_m") < 0.02, "the unit's own ECU is out");
+    assert!(with < 0.7 * without && assist > 0.5 * with, "the driver is helped");
+    // In phase at 0.3 Hz, so that the rms add up; friction and the assist's lag take the rest.
+    assert!(((with + assist) / without - 1.0).abs() < 0.15, "{with} + {assist} against {without}");
+
+    // What is asked for is what the ECU said, one tick and the output phase later, within the rate limit.
+    let (said, used) = (column(0, "can", "ecu_assist_torque_n_m"), column(0, "rig_status", "used_can"));
+    let asked = column(0, "rig_status", "assist_request_n_m");
+    for n in window.clone() {
+        assert_eq!(used[n], n as f64 - 1.0);
+        assert!((asked[n] - said[n - 1]).abs() < 1e-9, "tick {n}: {} asked, {} said", asked[n], said[n - 1]);
+    }
+
+    // The gap: 50 ms until the message counts as absent, then out within 0.1 s, back with the message; no trip.
+    let (asked, state) = (column(2, "rig_status", "assist_request_n_m"), column(2, "rig_status", "state"));
+    assert!(asked[6180..6300].iter().all(|a| *a == 0.0) && asked[6400..9000].iter().any(|a| a.abs() > 0.5));
+    assert!(state[6000..9500].iter().all(|s| *s == 4.0), "the bench runs on without assist");
+    // Silence: half a second after that it trips.
+    let (code, tick) = (column(2, "rig_status", "trip_code"), column(2, "rig_status", "trip_tick"));
+    let last = code.len() - 1;
+    assert_eq!(code[last], 50.0, "ECU on the bus absent");
+    println!("silent from 9 s, tripped at tick {}", tick[last]);
+    assert!((9500.0..9575.0).contains(&tick[last]), "tripped at tick {}", tick[last]);
+}
+
+#[test]
+fn who_drives_the_motor_must_be_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("wrong.toml");
+    let text_of = "extends = \"slalom_120\"\nname = \"wrong\"\nunit_file = \"rack_eps\"\n[can]\n\
+                   mapping_file = \"steering_rest_bus\"\nassist = \"ecu\"\n";
+    std::fs::write(&file, text_of).unwrap();
+    let output = run_bench(folder.path(), &file.to_string_lossy(), "wrong-ecu", &["--lockstep"]);
+    assert_eq!(output.status.code(), Some(2));
+    let said = text(&output.stderr) + &text(&output.stdout);
+    assert!(said.contains("no motor that takes a torque from outside"), "{said}");
 }
 
 #[test]

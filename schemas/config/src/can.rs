@@ -249,8 +249,21 @@ pub struct CanRun {
     /// such interface: a bus in memory with the virtual ECU on it.
     #[schemars(length(min = 1, max = 15))]
     pub interface: Option<String>,
+    /// Who drives the steering unit's assist motor; absent: the unit's own ECU.
+    pub assist: Option<AssistSource>,
     /// Faults put on the bus.
     pub faults: Option<Vec<CanFault>>,
+}
+
+/// Who drives the steering unit's assist motor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AssistSource {
+    /// The ECU of the unit's own file.
+    Unit,
+    /// The ECU on the bus: the motor gives what is received into `can.ecu_assist_torque_n_m`, as far as the rig's
+    /// limits allow.
+    Ecu,
 }
 
 /// A fault of one message in a spell of time: made by the bench on what it sends, or on what it receives before

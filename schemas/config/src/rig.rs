@@ -314,8 +314,6 @@ pub struct Switches {
     pub pressure_compensation: bool,
     /// Valve gain learnt from the measured stroke.
     pub gain_adaptation: bool,
-    /// The manoeuvre's steering looked up ahead of time, where it is known.
-    pub steering_preview: bool,
 }
 
 /// What the controller believes of a hydraulic axis.
@@ -370,9 +368,6 @@ pub struct ForceLoop {
     /// Above this frequency the force comes from the actuator's cell, below it from the tie rod's. [rad/s], (0, 100000]
     #[schemars(range(max = 100000.0), extend("exclusiveMinimum" = 0.0))]
     pub cell_crossover_rad_s: f64,
-    /// Time by which the rack follows the steering angle. [s], [0, 0.1]
-    #[schemars(range(min = 0.0, max = 0.1))]
-    pub rack_lag_s: f64,
 }
 
 /// Tuning of the height loop.
@@ -524,6 +519,22 @@ pub struct Limits {
     /// The same within one second. [J], (0, 1e6]
     #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
     pub energy_per_second_j: f64,
+    /// Assist torque at the pinion that an ECU on the bus may ask of the unit's motor, magnitude; more is cut.
+    /// [N·m], (0, 1000]
+    #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
+    pub ecu_assist_torque_n_m: f64,
+    /// Its rate; faster is slowed. [N·m/s], (0, 1e6]
+    #[schemars(range(max = 1e6), extend("exclusiveMinimum" = 0.0))]
+    pub ecu_assist_rate_n_m_s: f64,
+    /// Age of what the ECU said from which on it counts as absent. [s], (0, 1]
+    #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0))]
+    pub ecu_stale_s: f64,
+    /// How long the ECU may be absent. [s], (0, 60]
+    #[schemars(range(max = 60.0), extend("exclusiveMinimum" = 0.0))]
+    pub ecu_absent_max_s: f64,
+    /// Assist torque against the driver that trips when it lasts longer than `disagreement_s`. [N·m], (0, 1000]
+    #[schemars(range(max = 1000.0), extend("exclusiveMinimum" = 0.0))]
+    pub ecu_against_n_m: f64,
 }
 
 fn whole(value: f64, step: f64) -> bool {

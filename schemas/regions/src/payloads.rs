@@ -219,7 +219,7 @@ payload! {
 
 payload! {
     /// What the rig did in the tick: commands that reached the plant, safety, energy.
-    RigStatus version 2 {
+    RigStatus version 3 {
         /// Tick.
         tick: u64 One "1",
         /// Time the command acted.
@@ -232,6 +232,8 @@ payload! {
         used_vehicle_state: u64 One "1",
         /// Tick of the bench request seen.
         used_bench: u64 One "1",
+        /// Tick of the word of the ECU on the bus that was used.
+        used_can: u64 One "1",
         /// Version of the live parameters this tick was stepped with, 0 before any were read.
         parameters_version: u64 One "1",
         /// Bench state: 0 off, 1 idle, 2 armed, 3 starting, 4 running, 5 holding, 6 resuming, 7 stopping, 8 tripped.
@@ -266,6 +268,8 @@ payload! {
         vertical_valve_ratio: f64 Side "1",
         /// Torque command of the steer actuator.
         steer_torque_command_n_m: f64 One "N*m",
+        /// Torque at the pinion given to the unit's assist motor for the ECU on the bus; NaN where that does not drive it.
+        assist_request_n_m: f64 One "N*m",
         /// Energy fed into the steering at the tie-rod ports by the tracking error, since the start.
         port_energy_j: f64 One "J",
         /// The same over the last full steering cycle.

@@ -27,7 +27,7 @@ const READS: &[InputSpec] = &[
     InputSpec { region: SOURCES[3], when: When::Latest },
 ];
 const NODES: &[NodeSpec] =
-    &[NodeSpec { name: "can", reads: READS, writes: RegionId::Can, checkpoint: None, rings: false }];
+    &[NodeSpec { name: "can", reads: READS, writes: RegionId::Can, checkpoint: None, rings: true }];
 
 const _: () = assert!(
     status::NEVER == regions::can_status::NEVER

@@ -3,7 +3,7 @@
 //! The models, their order and what passes between them are those of a lockstep run; nothing here does
 //! physics. A study watches the regions of each tick; [`trace`] keeps the signals that studies of tracking need.
 
-use crate::{AssemblyError, ServiceKind, build};
+use crate::{AssemblyError, ServiceKind, build, build_can};
 use config::ResolvedBench;
 use regions::{
     Bench, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState, VehicleState,
@@ -47,8 +47,14 @@ pub fn run(resolved: &ResolvedBench, mut watch: impl FnMut(&Tick) -> bool) -> Re
     let info = TableInfo { run_id: 1, period_ns: timing.period_ns(), t0_ns: 1 };
     let table = Table::create_local(&region_specs(period_s), info).map_err(refused)?;
     let bind = |kind| Bound::new(build(kind, resolved)?, &table, true).map_err(refused);
-    let models = vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
-    let mut chain = Chain::new(models, vec![(0, 0), (1, 0), (2, 0), (0, 1)]);
+    let mut models =
+        vec![bind(ServiceKind::Rig)?, bind(ServiceKind::Vehicle)?, bind(ServiceKind::Multibody)?];
+    let mut order = vec![(0, 0), (1, 0), (2, 0), (0, 1)];
+    if let Some(model) = build_can(resolved, None, false)? {
+        models.push(Bound::new(model, &table, true).map_err(refused)?);
+        order.push((3, 0));
+    }
+    let mut chain = Chain::new(models, order);
     let mut bench = table.claim_writer(RegionId::Bench as usize).map_err(refused)?;
     let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(refused)?;
     let schedule =

@@ -6,7 +6,7 @@
 //! [`Identified`], whose [`Identified::to_toml`] extends the rig's file.
 
 use crate::AssemblyError;
-use config::rig::Rig;
+use config::rig::{Limits, Rig};
 use config::unit::SteeringUnit;
 use rig_control::identification::{
     AxisFit, Excitation, FrequencyResponse, HubFit, Periodic, SeriesFit, fit_axis, fit_hub, fit_mass,
@@ -108,6 +108,7 @@ struct TestLoop {
     safety: Safety,
     controller: RigController,
     linkage: Linkage,
+    limits: Limits,
     period_s: f64,
     first_s: f64,
     tick: u64,
@@ -153,6 +154,7 @@ impl TestLoop {
             safety: Safety::new(rig, unit, period_s, true).map_err(faults("rig"))?,
             controller: RigController::with_phase(rig, unit, period_s, first_s).map_err(faults("rig"))?,
             linkage: Linkage::new(&rig.geometry),
+            limits: rig.limits.clone(),
             period_s,
             first_s,
             tick: 0,
@@ -177,6 +179,7 @@ impl TestLoop {
             command: *command,
             energy_cycle_j: self.diagnostics.energy_cycle_j,
             energy_second_j: self.diagnostics.energy_second_j,
+            ecu: None,
         });
         self.tick += 1;
         if let Some(trip) = verdict.trip {
@@ -229,6 +232,37 @@ impl TestLoop {
         Ok(out)
     }
 
+    /// The part of a test's amplitude at which no speed and no force passes half its limit, as one period at a quarter
+    /// of it tells: a machine that answers more than it was believed to is not driven into its limits. At most 1.
+    fn gentle(
+        &mut self,
+        ticks: usize,
+        command: impl Fn(usize, f64) -> RigCommand,
+    ) -> Result<f64, AssemblyError> {
+        const PROBE: f64 = 0.25;
+        let record = self.record(ticks, |n, _| (0.0, command(n, PROBE)))?;
+        let l = &self.limits;
+        let window = (l.speed_window_s / self.period_s).round().max(1.0) as usize;
+        let span = window as f64 * self.period_s;
+        let mut used = f64::MIN_POSITIVE;
+        for m in &record.measurement {
+            for side in 0..2 {
+                used = used
+                    .max(m.tie_rod_force_n[side].abs() / l.tie_rod_force_n)
+                    .max(m.actuator_force_n[side].abs() / l.actuator_force_n);
+            }
+        }
+        for pair in record.measurement.windows(window + 1) {
+            let (a, b) = (&pair[0], &pair[window]);
+            for side in 0..2 {
+                let horizontal = (b.horizontal_stroke_m[side] - a.horizontal_stroke_m[side]).abs() / span;
+                let vertical = (b.vertical_stroke_m[side] - a.vertical_stroke_m[side]).abs() / span;
+                used = used.max(horizontal / l.horizontal_speed_m_s).max(vertical / l.vertical_speed_m_s);
+            }
+        }
+        Ok((0.5 * PROBE / used).min(1.0))
+    }
+
     /// Elongation of spring and rod of one side by the readings of strokes and rack. [m]
     fn elongation(&self, m: &Measurement, side: usize) -> f64 {
         let arm = self.linkage.arm_at_stroke(m.horizontal_stroke_m[side]);
@@ -270,11 +304,14 @@ pub fn identify(
     let all = pair[0].values.len() * plan.periods;
 
     said("horizontal axes: multisine", 0.05);
-    let force = bench.record(all, |n, _| {
+    let forces = |n: usize, part: f64| {
         let mut c = still(0.0);
-        c.tie_rod_force_n = [0, 1].map(|side| plan.force_n * pair[side].at(n));
-        (0.0, c)
-    })?;
+        c.tie_rod_force_n = [0, 1].map(|side| part * plan.force_n * pair[side].at(n));
+        c
+    };
+    let part = bench.gentle(pair[0].values.len(), forces)?;
+    let force_n = part * plan.force_n;
+    let force = bench.record(all, |n, _| (0.0, forces(n, part)))?;
     for side in 0..2 {
         let name = ["left", "right"][side];
         let valve = force.sent(|a| a.horizontal_valve[side]);
@@ -318,7 +355,7 @@ pub fn identify(
         let test = Periodic::new(kind, plan.period_s, 0.5, plan.high_hz, period_s);
         let record = bench.record(test.values.len() * 4, |n, _| {
             let mut c = still(0.0);
-            c.tie_rod_force_n = [0.25 * plan.force_n * test.at(n), 0.0];
+            c.tie_rod_force_n = [0.25 * force_n * test.at(n), 0.0];
             (0.0, c)
         })?;
         let asked: Vec<f64> = record.command.iter().map(|c| c.tie_rod_force_n[0]).collect();
@@ -333,15 +370,17 @@ pub fn identify(
     }
 
     said("vertical axes: multisine", 0.45);
-    let height = bench.record(all, |n, _| {
+    let heights = |n: usize, part: f64| {
         let mut c = still(0.0);
         for side in 0..2 {
-            let next = pair[side].at(n + 1);
-            c.ball_height_m[side] = plan.height_m * pair[side].at(n);
-            c.ball_height_velocity_m_s[side] = plan.height_m * (next - pair[side].at(n)) / period_s;
+            let (now, next) = (pair[side].at(n), pair[side].at(n + 1));
+            c.ball_height_m[side] = part * plan.height_m * now;
+            c.ball_height_velocity_m_s[side] = part * plan.height_m * (next - now) / period_s;
         }
-        (0.0, c)
-    })?;
+        c
+    };
+    let part = bench.gentle(pair[0].values.len(), heights)?;
+    let height = bench.record(all, |n, _| (0.0, heights(n, part)))?;
     for side in 0..2 {
         let name = ["left", "right"][side];
         let valve = height.sent(|a| a.vertical_valve[side]);

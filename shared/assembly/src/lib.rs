@@ -17,6 +17,7 @@ pub mod manifest;
 mod multibody_node;
 mod rig_node;
 pub mod service;
+pub mod trips;
 mod vehicle_node;
 pub mod wheel;
 

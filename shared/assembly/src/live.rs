@@ -66,7 +66,6 @@ impl RigTuning {
             force_rate_feed_forward: on(Id::ForceRateFeedForward),
             pressure_compensation: on(Id::PressureCompensation),
             gain_adaptation: on(Id::GainAdaptation),
-            steering_preview: on(Id::SteeringPreview),
         });
         let c = &mut self.control;
         c.force.bandwidth_rad_s = get(Id::ForceBandwidth);

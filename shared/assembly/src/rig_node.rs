@@ -5,20 +5,20 @@
 //! output phases that were really executed; what follows from it is safety's.
 
 use crate::AssemblyError;
-use crate::live::{HumanSteer, Live, RigTuning, manoeuvre_time_s};
+use crate::live::{HumanSteer, Live, RigTuning};
 use crate::wheel::Wheel;
+use config::can::AssistSource;
 use config::rig::{Rig, SteerDevice};
 use config::{Broken, ResolvedBench};
 use functional_model::Model as FunctionalModel;
-use manoeuvre::{HandWheel, Manoeuvre};
 use regions::{
-    Bench, Fault, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState,
+    Bench, Can, Fault, NO_TICK, Parameters, Payload, RegionId, RigMeasurement, RigStatus, SuspensionState,
     VehicleState, fault_kind, model_flags, rig_flags,
 };
-use rig_control::{ControlDiagnostics, RackEstimate, RigCommand, RigController, SteerCommand, SteerPreview};
+use rig_control::{ControlDiagnostics, RackEstimate, RigCommand, RigController, SteerCommand};
 use rig_plant::{Actuation, Channel, ComposedUnit, Measurement, RigEnvironment, VirtualRig};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
-use safety::{OperatorRequest, Safety, SafetyInput};
+use safety::{EcuWord, OperatorRequest, Safety, SafetyInput};
 
 const READS: &[InputSpec] = &[
     InputSpec { region: RegionId::VehicleState, when: When::SameTick },
@@ -26,16 +26,20 @@ const READS: &[InputSpec] = &[
     InputSpec { region: RegionId::Bench, when: When::Latest },
     InputSpec { region: RegionId::Parameters, when: When::Latest },
 ];
-const NODES: &[NodeSpec] = &[
-    NodeSpec {
-        name: "rig_sample",
-        reads: &[],
-        writes: RegionId::RigMeasurement,
-        checkpoint: None,
-        rings: true,
-    },
-    NodeSpec { name: "rig_apply", reads: READS, writes: RegionId::RigStatus, checkpoint: None, rings: false },
-];
+/// Where the ECU on the bus drives the unit's motor. What it says follows from what the rig did before.
+const READS_WITH_ECU: &[InputSpec] =
+    &[READS[0], READS[1], READS[2], READS[3], InputSpec { region: RegionId::Can, when: When::Previous }];
+const SAMPLE: NodeSpec = NodeSpec {
+    name: "rig_sample",
+    reads: &[],
+    writes: RegionId::RigMeasurement,
+    checkpoint: None,
+    rings: true,
+};
+const APPLY: NodeSpec =
+    NodeSpec { name: "rig_apply", reads: READS, writes: RegionId::RigStatus, checkpoint: None, rings: false };
+const NODES: &[NodeSpec] = &[SAMPLE, APPLY];
+const NODES_WITH_ECU: &[NodeSpec] = &[SAMPLE, NodeSpec { reads: READS_WITH_ECU, rings: true, ..APPLY }];
 
 /// Without a word from the supervisor for this long the rig stops safely. [s]
 const SUPERVISOR_MAX_S: f64 = 10.0;
@@ -55,8 +59,6 @@ pub struct RigNode {
     plant: VirtualRig,
     controller: RigController,
     safety: Safety,
-    /// For the preview of the steering only; what is applied comes with the vehicle state.
-    manoeuvre: Manoeuvre,
     period_s: f64,
     before_phase_s: f64,
     after_phase_s: f64,
@@ -75,6 +77,9 @@ pub struct RigNode {
     stale: u64,
     late: u64,
     used: [u64; 3],
+    /// The ECU on the bus drives the unit's motor.
+    ecu_drives: bool,
+    environment: RigEnvironment,
     requests_seen: u64,
     request_pending: OperatorRequest,
     no_supervisor: bool,
@@ -157,6 +162,29 @@ fn virtual_rig(resolved: &ResolvedBench, rig: &Rig, period_s: f64) -> Result<Vir
     VirtualRig::with_unit(rig, Box::new(composed), seed, period_s).map_err(refused("rig"))
 }
 
+/// Whether the ECU on the bus drives the unit's motor: the scenario asks for it, its mapping receives the torque, and
+/// the unit has a motor that takes it.
+fn ecu_drives(resolved: &ResolvedBench, plant: &VirtualRig) -> Result<bool, AssemblyError> {
+    const TARGET: &str = "can.ecu_assist_torque_n_m";
+    let asked = resolved.scenario.can.as_ref().and_then(|can| can.assist);
+    let (Some(AssistSource::Ecu), Some(can)) = (asked, &resolved.can) else { return Ok(false) };
+    let mut faults = Vec::new();
+    let signals = can.mapping.receive.iter().flat_map(|message| &message.signals);
+    if !signals.into_iter().any(|signal| signal.target == TARGET) {
+        faults.push(format!(
+            "can.assist = \"ecu\" needs a received signal with the target {TARGET} in the mapping"
+        ));
+    }
+    if !plant.takes_assist_request() {
+        faults.push(format!(
+            "can.assist = \"ecu\": unit {} has no motor that takes a torque from outside (a built-in electric assist, or \
+             a model file with the input `assist_request`)",
+            resolved.unit.name
+        ));
+    }
+    if faults.is_empty() { Ok(true) } else { Err(AssemblyError::new("scenario", faults)) }
+}
+
 impl RigNode {
     /// Builds the rig from its files.
     ///
@@ -174,16 +202,15 @@ impl RigNode {
         let (step_s, before, after) = sub_steps(&rig, period_s, scenario.timing.output_phase);
         rig.plant.sub_step_s = step_s;
         let unit = &resolved.unit;
-        let manoeuvre = Manoeuvre::new(scenario, resolved.record.as_ref())
-            .map_err(|fault| AssemblyError::new("scenario", [fault]))?;
+        let plant = virtual_rig(resolved, &rig, period_s)?;
+        let ecu_drives = ecu_drives(resolved, &plant)?;
         let mut status = RigStatus::absent();
         status.flags = rig_flags::VIRTUAL;
         Ok(RigNode {
-            plant: virtual_rig(resolved, &rig, period_s)?,
+            plant,
             controller: RigController::with_phase(&rig, unit, period_s, f64::from(before) * step_s)
                 .map_err(refused("rig"))?,
             safety: Safety::new(&rig, unit, period_s, true).map_err(refused("rig"))?,
-            manoeuvre,
             period_s,
             before_phase_s: f64::from(before) * step_s,
             after_phase_s: f64::from(after) * step_s,
@@ -201,6 +228,8 @@ impl RigNode {
             stale: 0,
             late: 0,
             used: [NO_TICK; 3],
+            ecu_drives,
+            environment: RigEnvironment::default(),
             requests_seen: 0,
             request_pending: OperatorRequest::SwitchOn,
             no_supervisor: false,
@@ -348,30 +377,20 @@ impl RigNode {
             let at_page = self.human.step(steer, angle, torque, self.period_s);
             let at_device =
                 self.wheel.as_mut().map(|wheel| wheel.step(step.n as f64 * self.period_s, torque));
-            let human = at_device.is_some() || at_page.is_some();
             let steer = match at_device {
                 None => at_page.unwrap_or(steer),
                 Some(Some((angle_rad, rate_rad_s))) => SteerCommand::Angle { angle_rad, rate_rad_s },
                 // The device is gone: hands off.
                 Some(None) => SteerCommand::Free,
             };
-            let late_s = manoeuvre_time_s(bench, bench_input, car.tick + 1, self.period_s);
-            let ahead = self.manoeuvre.at(late_s + self.controller.preview_lead_s());
             self.command = RigCommand {
                 tie_rod_force_n: suspension.tie_rod_force_n,
                 ball_height_m: suspension.ball_height_m,
                 ball_height_velocity_m_s: suspension.ball_height_speed_m_s,
                 steer,
-                preview: SteerPreview {
-                    valid: ahead.hand_wheel == HandWheel::Commanded && !human,
-                    angle_rad: ahead.steering_wheel_angle_rad,
-                    rate_rad_s: ahead.steering_wheel_rate_rad_s,
-                },
                 fade: self.command.fade,
             };
-            let speed = car.velocity_m_s[0];
-            self.plant
-                .set_environment(&RigEnvironment { vehicle_speed_m_s: speed, ..RigEnvironment::default() });
+            self.environment.vehicle_speed_m_s = car.velocity_m_s[0];
         } else {
             self.stale += 1;
             self.late += 1;
@@ -384,6 +403,14 @@ impl RigNode {
             flags |= rig_flags::NO_SUPERVISOR;
         }
 
+        let ecu = self.ecu_drives.then(|| {
+            let (can, can_input) = inputs.get::<Can>(4);
+            self.status.used_can = can_input.tick();
+            EcuWord {
+                assist_torque_n_m: can.ecu_assist_torque_n_m,
+                age_ticks: u32::try_from(can_input.age(step.n)).unwrap_or(u32::MAX),
+            }
+        });
         let verdict = self.safety.step(&SafetyInput {
             tick: step.n,
             request: std::mem::take(&mut self.request_pending),
@@ -395,7 +422,10 @@ impl RigNode {
             command: self.command,
             energy_cycle_j: self.diagnostics.energy_cycle_j,
             energy_second_j: self.diagnostics.energy_second_j,
+            ecu,
         });
+        self.environment.assist_request_n_m = verdict.assist_request_n_m;
+        self.plant.set_environment(&self.environment);
         self.plant.advance(self.before_phase_s);
         self.controller.step(&verdict.command, &self.measurement, &mut self.actuation, &mut self.diagnostics);
         let clamped = verdict.clamped | self.safety.clamp_actuation(&mut self.actuation);
@@ -430,6 +460,7 @@ impl RigNode {
         };
         status.horizontal_valve_ratio = self.actuation.horizontal_valve;
         status.vertical_valve_ratio = self.actuation.vertical_valve;
+        status.assist_request_n_m = verdict.assist_request_n_m.unwrap_or(f64::NAN);
         status.steer_torque_command_n_m = self.actuation.steer_torque_n_m;
         status.port_energy_j = self.diagnostics.energy_total_j;
         status.port_energy_cycle_j = self.diagnostics.energy_cycle_j;
@@ -454,7 +485,7 @@ impl RigNode {
 
 impl Model for RigNode {
     fn nodes(&self) -> &'static [NodeSpec] {
-        NODES
+        if self.ecu_drives { NODES_WITH_ECU } else { NODES }
     }
 
     fn fault(&mut self, order: &Fault) {

@@ -152,8 +152,6 @@ parameters! {
     PressureCompensation "control.switches.pressure_compensation" "1" switch 0.0..=1.0 Steady Rig |b| on(b.rig.control.switches.pressure_compensation);
     /// Valve gain learnt from the measured stroke
     GainAdaptation "control.switches.gain_adaptation" "1" switch 0.0..=1.0 Steady Rig |b| on(b.rig.control.switches.gain_adaptation);
-    /// Steering that is known ahead, used by the rack feed-forward
-    SteeringPreview "control.switches.steering_preview" "1" switch 0.0..=1.0 Steady Rig |b| on(b.rig.control.switches.steering_preview);
     /// Bandwidth of the force loop
     ForceBandwidth "control.force.bandwidth_rad_s" "rad/s" number 10.0..=300.0 Steady Rig |b| b.rig.control.force.bandwidth_rad_s;
     /// Rate of the force loop's integral part (delay compensation off)

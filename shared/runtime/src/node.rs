@@ -16,6 +16,21 @@ pub enum When {
     SameTick,
     /// The newest there is. In lockstep the tick being stepped, so that runs are equal.
     Latest,
+    /// The newest there is, of a region whose writer itself reads what this node writes. In lockstep the tick before
+    /// the one being stepped, so that runs are equal and nobody waits in a circle.
+    Previous,
+}
+
+impl When {
+    /// The tick that has to be there for tick `n`, if one has to.
+    fn needed(self, n: u64, lockstep: bool) -> Option<u64> {
+        match self {
+            When::SameTick => Some(n),
+            When::Latest => lockstep.then_some(n),
+            When::Previous if lockstep => n.checked_sub(1),
+            When::Previous => None,
+        }
+    }
 }
 
 /// A declared input of a node.
@@ -63,7 +78,7 @@ pub struct Input {
 }
 
 impl Input {
-    /// Whether these are the words of the tick being stepped (or, for [`When::Latest`], any at all).
+    /// Whether these are the words of the tick being stepped (or, but for [`When::SameTick`], any at all).
     pub fn fresh(&self) -> bool {
         self.fresh
     }
@@ -92,10 +107,12 @@ impl Input {
 
     fn refresh(&mut self, n: u64, when: When, lockstep: bool) {
         self.fresh = false;
-        if when == When::SameTick || lockstep {
-            if self.reader.read(n, &mut self.words) == Read::Ready {
-                (self.tick, self.fresh) = (n, true);
+        if let Some(needed) = when.needed(n, lockstep) {
+            if self.reader.read(needed, &mut self.words) == Read::Ready {
+                (self.tick, self.fresh) = (needed, true);
             }
+        } else if lockstep {
+            // Tick 0 has none before it.
         } else if let Some(latest) = self.reader.latest(n, &mut self.words) {
             (self.tick, self.fresh) = (latest.tick, true);
         }
@@ -266,14 +283,16 @@ impl<M: Model + ?Sized> Bound<M> {
         self.missing(node, n).is_none()
     }
 
-    /// The first same-tick input of node `node` that is not yet published for tick `n`.
+    /// The first input of node `node` that has to be there for tick `n` and is not.
     pub fn missing(&self, node: usize, n: u64) -> Option<RegionId> {
         let node = &self.nodes[node];
         node.spec
             .reads
             .iter()
             .zip(&node.inputs.0)
-            .find(|(spec, input)| (self.lockstep || spec.when == When::SameTick) && input.reader.head() <= n)
+            .find(|(spec, input)| {
+                spec.when.needed(n, self.lockstep).is_some_and(|needed| input.reader.head() <= needed)
+            })
             .map(|(spec, _)| spec.region)
     }
 
@@ -299,7 +318,7 @@ impl<M: Model + ?Sized> Bound<M> {
         let bound = &mut self.nodes[node];
         for (spec, input) in bound.spec.reads.iter().zip(&mut bound.inputs.0) {
             input.refresh(n, spec.when, self.lockstep);
-            if self.lockstep && !input.fresh {
+            if self.lockstep && !input.fresh && spec.when.needed(n, true).is_some() {
                 return Err(TickError::NotReady { node: bound.spec.name, region: spec.region, tick: n });
             }
         }

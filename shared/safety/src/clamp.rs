@@ -28,6 +28,12 @@ pub mod flags {
     pub const ACTUATOR_TORQUE: u64 = 1 << 13;
     /// An actuation that is not finite: that axis is closed.
     pub const ACTUATION_NOT_FINITE: u64 = 1 << 14;
+    /// Assist torque that the ECU on the bus asks for.
+    pub const ECU_ASSIST: u64 = 1 << 15;
+    /// Its rate.
+    pub const ECU_ASSIST_RATE: u64 = 1 << 16;
+    /// The ECU's request is absent or stale: ramped to zero.
+    pub const ECU_ABSENT: u64 = 1 << 17;
 }
 
 /// Cuts to ±limit and notes it.
@@ -68,11 +74,6 @@ pub fn finite(command: &RigCommand, last: &RigCommand, bits: &mut u64) -> RigCom
     if !steer_finite {
         out.steer = last.steer;
         *bits |= flags::NOT_FINITE;
-    }
-    if !(out.preview.angle_rad.is_finite() && out.preview.rate_rad_s.is_finite()) {
-        out.preview.valid = false;
-        out.preview.angle_rad = 0.0;
-        out.preview.rate_rad_s = 0.0;
     }
     out
 }
@@ -118,10 +119,6 @@ pub fn command(
             cut(torque_n_m, limits.command_steer_torque_n_m, flags::STEER_TORQUE, &mut bits);
         }
     }
-    let rate = limits.command_steer_rate_rad_s;
-    out.preview.angle_rad =
-        out.preview.angle_rad.clamp(-limits.command_steer_angle_rad, limits.command_steer_angle_rad);
-    out.preview.rate_rad_s = out.preview.rate_rad_s.clamp(-rate, rate);
     bits
 }
 

@@ -1,5 +1,6 @@
 //! What the safety monitor is given and what it gives, once a tick.
 
+use crate::ecu::EcuWord;
 use crate::state::BenchState;
 use crate::trip::Trip;
 use rig_control::{Fade, RigCommand};
@@ -49,6 +50,8 @@ pub struct SafetyInput {
     pub energy_cycle_j: f64,
     /// The same within the last second. [J]
     pub energy_second_j: f64,
+    /// What the ECU on the bus asks for; `None` where none drives the unit's motor.
+    pub ecu: Option<EcuWord>,
 }
 
 /// What a step decides.
@@ -64,6 +67,8 @@ pub struct SafetyOutput {
     pub fade: Fade,
     /// The command for the controller: within all limits.
     pub command: RigCommand,
+    /// Assist torque for the unit's motor, within limits and faded; `None` where no ECU on the bus drives it. [N·m]
+    pub assist_request_n_m: Option<f64>,
     /// Bits of [`crate::clamp::flags`]: what was clamped in this tick.
     pub clamped: u64,
     /// A request that the state does not allow.

@@ -5,12 +5,14 @@
 //! [`Safety::clamp_actuation`] is the last gate before the actuators. No clock, no other process.
 
 pub mod clamp;
+pub mod ecu;
 pub mod input;
 pub mod machine;
 pub mod state;
 pub mod trip;
 pub mod watch;
 
+pub use ecu::EcuWord;
 pub use input::{OperatorRequest, SafetyInput, SafetyOutput};
 pub use machine::Safety;
 pub use state::BenchState;

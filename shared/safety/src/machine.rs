@@ -5,14 +5,15 @@
 //! Safe state: vertical axes frozen, axial force ramped to zero, steer torque off.
 
 use crate::clamp;
+use crate::ecu::EcuGate;
 use crate::input::{OperatorRequest, SafetyInput, SafetyOutput};
 use crate::state::BenchState;
 use crate::trip::{Trip, TripCode};
-use crate::watch::Watch;
+use crate::watch::{Finding, Watch};
 use config::rig::{Limits, Rig};
 use config::unit::SteeringUnit;
 use config::{Broken, Check, Checker};
-use rig_control::{Fade, RigCommand, SteerCommand, SteerPreview};
+use rig_control::{Fade, RigCommand, SteerCommand};
 use rig_plant::Actuation;
 use rig_plant::state::{StateReader, StateWriter};
 
@@ -23,6 +24,7 @@ pub struct Safety {
     period_s: f64,
     virtual_rig: bool,
     watch: Watch,
+    ecu: EcuGate,
     state: BenchState,
     trip: Option<Trip>,
     fade: Fade,
@@ -60,6 +62,7 @@ impl Safety {
             period_s,
             virtual_rig,
             watch: Watch::new(rig, unit, period_s),
+            ecu: EcuGate::default(),
             state: BenchState::Off,
             trip: None,
             fade: Fade::OFF,
@@ -94,8 +97,14 @@ impl Safety {
         let broken_command = bits != 0 && fresh;
 
         let (finding, sensor_faults) = self.watch.step(&i.measurement);
-        let cause = self.cause(i, finding, &new, fresh);
-        let unsafe_now = cause.is_some() || i.emergency_stop || i.interlock_open;
+        let (ecu, ecu_bits) = match &i.ecu {
+            Some(word) => {
+                self.ecu.step(word, i.measurement.torsion_bar_torque_n_m, &self.limits, self.period_s)
+            }
+            None => (None, 0),
+        };
+        let cause = self.cause(i, finding, ecu, &new, fresh);
+        let unsafe_now = cause.is_some() || ecu.is_some() || i.emergency_stop || i.interlock_open;
         if let Some((code, channel, limit, value)) = cause
             && !matches!(self.state, BenchState::Off | BenchState::Tripped)
         {
@@ -106,7 +115,7 @@ impl Safety {
 
         self.ticks_in_state = if self.state == before { self.ticks_in_state.saturating_add(1) } else { 0 };
         self.advance_fades();
-        let clamped = bits | self.pass(&new, fresh && !broken_command, before);
+        let clamped = bits | ecu_bits | self.pass(&new, fresh && !broken_command, before);
         if fresh {
             self.raw = new;
             self.ticks_since_fresh = 0;
@@ -118,7 +127,6 @@ impl Safety {
         command.fade = self.fade;
         if self.fade.steer == 0.0 {
             command.steer = SteerCommand::Free;
-            command.preview = SteerPreview::default();
         }
         SafetyOutput {
             state: self.state,
@@ -126,6 +134,7 @@ impl Safety {
             tripped_now: self.state == BenchState::Tripped && before != BenchState::Tripped,
             fade: self.fade,
             command,
+            assist_request_n_m: i.ecu.map(|_| self.fade.force * self.ecu.request_n_m()),
             clamped,
             request_refused,
             sensor_faults,
@@ -141,10 +150,11 @@ impl Safety {
     fn cause(
         &self,
         i: &SafetyInput,
-        finding: Option<(TripCode, u8, f64, f64)>,
+        finding: Option<Finding>,
+        ecu: Option<Finding>,
         new: &RigCommand,
         fresh: bool,
-    ) -> Option<(TripCode, u8, f64, f64)> {
+    ) -> Option<Finding> {
         let l = &self.limits;
         if i.emergency_stop {
             return Some((TripCode::EmergencyStop, 0, 0.0, 1.0));
@@ -158,8 +168,12 @@ impl Safety {
         if finding.is_some() {
             return finding;
         }
+        // An ECU that is not there yet keeps the bench from starting; it trips only what runs.
         if !self.state.follows_commands() {
             return None;
+        }
+        if ecu.is_some() {
+            return ecu;
         }
         for (code, limit, value) in [
             (TripCode::EnergyPerCycle, l.energy_per_cycle_j, i.energy_cycle_j),
@@ -328,7 +342,6 @@ impl Safety {
                 if let SteerCommand::Angle { rate_rad_s, .. } = &mut self.passed.steer {
                     *rate_rad_s = 0.0;
                 }
-                self.passed.preview = SteerPreview::default();
                 0
             }
         }
@@ -336,13 +349,14 @@ impl Safety {
 
     /// Length of the flat state.
     pub fn state_len(&self) -> usize {
-        self.watch.state_len() + 1 + 6 + 3 + 2 + 1 + 1 + 2 * COMMAND
+        self.watch.state_len() + EcuGate::STATE + 1 + 6 + 3 + 2 + 1 + 1 + 2 * COMMAND
     }
 
     /// Writes the complete state into the front of `out`.
     pub fn save_state(&self, out: &mut [f64]) {
         let mut w = StateWriter::new(out);
         self.watch.save(&mut w);
+        self.ecu.save(&mut w);
         w.put(f64::from(self.state as u8));
         match self.trip {
             Some(t) => {
@@ -364,6 +378,7 @@ impl Safety {
     pub fn load_state(&mut self, from: &[f64]) {
         let mut r = StateReader::new(from);
         self.watch.load(&mut r);
+        self.ecu.load(&mut r);
         self.state = BenchState::from_number(r.take() as u8).unwrap_or_default();
         let [code, channel, limit, value] = r.take_array();
         let tick = r.take_u64();
@@ -383,7 +398,7 @@ impl Safety {
     }
 }
 
-const COMMAND: usize = 12;
+const COMMAND: usize = 9;
 
 fn put_command(w: &mut StateWriter, c: &RigCommand) {
     w.put_all(&c.tie_rod_force_n);
@@ -394,7 +409,6 @@ fn put_command(w: &mut StateWriter, c: &RigCommand) {
         SteerCommand::Angle { angle_rad, rate_rad_s } => [1.0, angle_rad, rate_rad_s],
         SteerCommand::Torque { torque_n_m } => [2.0, torque_n_m, 0.0],
     });
-    w.put_all(&[f64::from(u8::from(c.preview.valid)), c.preview.angle_rad, c.preview.rate_rad_s]);
 }
 
 fn take_command(r: &mut StateReader) -> RigCommand {
@@ -407,7 +421,5 @@ fn take_command(r: &mut StateReader) -> RigCommand {
         2 => SteerCommand::Torque { torque_n_m: a },
         _ => SteerCommand::Free,
     };
-    let [valid, angle_rad, rate_rad_s] = r.take_array();
-    let preview = SteerPreview { valid: valid != 0.0, angle_rad, rate_rad_s };
-    RigCommand { tie_rod_force_n, ball_height_m, ball_height_velocity_m_s, steer, preview, fade: Fade::OFF }
+    RigCommand { tie_rod_force_n, ball_height_m, ball_height_velocity_m_s, steer, fade: Fade::OFF }
 }

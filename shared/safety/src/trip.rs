@@ -50,11 +50,15 @@ pub enum TripCode {
     EnergyPerCycle = 40,
     /// Energy fed into the steering in one second.
     EnergyPerSecond = 41,
+    /// The ECU on the bus, which drives the unit's assist, is absent.
+    EcuAbsent = 50,
+    /// The ECU on the bus pushes against the driver.
+    EcuAgainstDriver = 51,
 }
 
 impl TripCode {
     /// All codes.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 25] = [
         Self::EmergencyStop,
         Self::InterlockOpen,
         Self::StaleInputs,
@@ -78,6 +82,8 @@ impl TripCode {
         Self::RackSensorsDisagree,
         Self::EnergyPerCycle,
         Self::EnergyPerSecond,
+        Self::EcuAbsent,
+        Self::EcuAgainstDriver,
     ];
 
     /// The code of a number.
@@ -111,6 +117,8 @@ impl TripCode {
             Self::RackSensorsDisagree => ("rack sensors disagree", "m"),
             Self::EnergyPerCycle => ("energy into the steering per cycle", "J"),
             Self::EnergyPerSecond => ("energy into the steering per second", "J"),
+            Self::EcuAbsent => ("ECU on the bus absent", "s"),
+            Self::EcuAgainstDriver => ("ECU pushes against the driver", "N·m"),
         }
     }
 }

@@ -4,9 +4,9 @@
 use config::rig::Rig;
 use config::unit::SteeringUnit;
 use proptest::prelude::*;
-use rig_control::{Fade, RigCommand, SteerCommand, SteerPreview};
+use rig_control::{Fade, RigCommand, SteerCommand};
 use rig_plant::{Actuation, Channel, Measurement};
-use safety::{BenchState, OperatorRequest, Safety, SafetyInput, SafetyOutput, TripCode};
+use safety::{BenchState, EcuWord, OperatorRequest, Safety, SafetyInput, SafetyOutput, TripCode};
 
 const PERIOD_S: f64 = 1e-3;
 
@@ -39,6 +39,7 @@ impl Bench {
             command: command(1000.0, 0.01),
             energy_cycle_j: 0.0,
             energy_second_j: 0.0,
+            ecu: None,
         };
         let safety = Safety::new(&rig(), &unit(), PERIOD_S, virtual_rig).unwrap();
         Self { safety, input, disturb: |_| {} }
@@ -93,7 +94,6 @@ fn command(force_n: f64, height_m: f64) -> RigCommand {
         ball_height_m: [height_m, -height_m],
         ball_height_velocity_m_s: [0.0; 2],
         steer: SteerCommand::Angle { angle_rad: 0.2, rate_rad_s: 0.0 },
-        preview: SteerPreview::default(),
         fade: Fade::OFF,
     }
 }
@@ -169,6 +169,13 @@ fn every_code_trips_in_the_stated_ticks() {
     check_trip(C::RackSensorsDisagree, 51, |i| i.measurement.rack_displacement_m += 0.011);
     check_trip(C::EnergyPerCycle, 1, |i| i.energy_cycle_j = 20.1);
     check_trip(C::EnergyPerSecond, 1, |i| i.energy_second_j = 40.1);
+    // Half a second of silence.
+    check_trip(C::EcuAbsent, 501, |i| i.ecu = Some(EcuWord { assist_torque_n_m: f64::NAN, age_ticks: 0 }));
+    // 2 N·m a tick: beyond 8 N·m in the fifth, and 50 ms of it.
+    check_trip(C::EcuAgainstDriver, 55, |i| {
+        i.measurement.torsion_bar_torque_n_m = 2.0;
+        i.ecu = Some(EcuWord { assist_torque_n_m: -16.0, age_ticks: 0 });
+    });
     // The third tick without a fresh command holds; two seconds later it trips.
     check_holding_too_long();
     check_stale_on_real_hardware();
@@ -176,11 +183,11 @@ fn every_code_trips_in_the_stated_ticks() {
 
 #[test]
 fn the_list_of_tested_codes_is_complete() {
-    // 21 above by `check_trip`, and the two of staleness.
-    assert_eq!(TripCode::ALL.len(), 23);
+    // 23 above by `check_trip`, and the two of staleness.
+    assert_eq!(TripCode::ALL.len(), 25);
     let mut numbers: Vec<u8> = TripCode::ALL.iter().map(|c| *c as u8).collect();
     numbers.dedup();
-    assert_eq!(numbers.len(), 23);
+    assert_eq!(numbers.len(), 25);
 }
 
 fn check_holding_too_long() {
@@ -214,6 +221,68 @@ fn check_stale_on_real_hardware() {
     for _ in 0..500 {
         assert_eq!(bench.tick().state, BenchState::Tripped);
     }
+}
+
+#[test]
+fn what_the_ecu_asks_for_is_cut_slowed_faded_and_ramps_out_when_it_is_silent() {
+    use safety::clamp::flags::{ECU_ABSENT, ECU_ASSIST, ECU_ASSIST_RATE};
+    let mut bench = Bench::run(true);
+    assert_eq!(bench.tick().assist_request_n_m, None, "no ECU drives the motor");
+    let limits = rig().limits;
+    let most = limits.ecu_assist_torque_n_m;
+    let word = |torque: f64, age_ticks: u32| Some(EcuWord { assist_torque_n_m: torque, age_ticks });
+    let mut last = 0.0;
+    for n in 0..100 {
+        bench.input.ecu = word(1000.0, 1);
+        let out = bench.tick();
+        let now = out.assist_request_n_m.unwrap();
+        assert!((now - last) <= limits.ecu_assist_rate_n_m_s * PERIOD_S + 1e-9 && now <= most);
+        assert!(out.clamped & ECU_ASSIST != 0 && (n > 33 || out.clamped & ECU_ASSIST_RATE != 0));
+        last = now;
+    }
+    assert_eq!(last, most);
+    // Silent by its own word, or because nobody brings it: the same ramp, which the safe state's time bounds.
+    for silent in [word(f64::NAN, 0), word(20.0, (limits.ecu_stale_s / PERIOD_S) as u32 + 1)] {
+        for _ in 0..100 {
+            bench.input.ecu = word(20.0, 1);
+            last = bench.tick().assist_request_n_m.unwrap();
+        }
+        assert_eq!(last, 20.0);
+        for _ in 0..(limits.safe_ramp_s / PERIOD_S) as u32 + 1 {
+            bench.input.ecu = silent;
+            let out = bench.tick();
+            let now = out.assist_request_n_m.unwrap();
+            assert!(now <= last && out.clamped & ECU_ABSENT != 0 && out.trip.is_none());
+            last = now;
+        }
+        assert_eq!(last, 0.0);
+    }
+    // A bench that trips takes the assist off with the forces.
+    for _ in 0..100 {
+        bench.input.ecu = word(20.0, 1);
+        bench.tick();
+    }
+    bench.input.emergency_stop = true;
+    let out = bench.tick();
+    assert!((out.assist_request_n_m.unwrap() - 20.0 * out.fade.force).abs() < 1e-9 && out.fade.force < 1.0);
+    for _ in 0..100 {
+        bench.tick();
+    }
+    assert_eq!(bench.tick().assist_request_n_m, Some(0.0));
+}
+
+#[test]
+fn a_silent_ecu_keeps_the_bench_from_starting() {
+    let mut bench = Bench::new(true);
+    bench.request(OperatorRequest::SwitchOn);
+    for _ in 0..600 {
+        bench.input.ecu = Some(EcuWord { assist_torque_n_m: f64::NAN, age_ticks: u32::MAX });
+        assert_eq!(bench.tick().state, BenchState::Idle);
+    }
+    assert!(bench.request(OperatorRequest::Arm).request_refused);
+    bench.input.ecu = Some(EcuWord { assist_torque_n_m: 0.0, age_ticks: 1 });
+    bench.tick();
+    assert!(!bench.request(OperatorRequest::Arm).request_refused);
 }
 
 #[test]
@@ -333,7 +402,6 @@ fn any_command() -> impl Strategy<Value = RigCommand> {
             1 => SteerCommand::Angle { angle_rad: v[6] * 8.0, rate_rad_s: v[7] * 8.0 },
             _ => SteerCommand::Torque { torque_n_m: v[6] * 20.0 },
         },
-        preview: SteerPreview { valid: true, angle_rad: v[7], rate_rad_s: v[6] },
         fade: Fade::FULL,
     })
 }
@@ -365,10 +433,12 @@ proptest! {
             // Random requests seldom start a bench: walk there first, and back after a trip.
             let wanted = if noisy { asked } else { [1, 2, 3, 5][n % 4] };
             bench.input.request = request(wanted);
+            bench.input.ecu = noisy.then_some(EcuWord { assist_torque_n_m: command.tie_rod_force_n[0], age_ticks: stale });
             bench.input.command = command;
             bench.input.inputs_stale_ticks = stale;
             let out = bench.tick();
             let c = &out.command;
+            prop_assert!(out.assist_request_n_m.is_none_or(|t| t.abs() <= limits.ecu_assist_torque_n_m));
             for side in 0..2 {
                 prop_assert!(c.tie_rod_force_n[side].abs() <= limits.command_force_n);
                 prop_assert!(c.ball_height_m[side].abs() <= limits.command_height_m);

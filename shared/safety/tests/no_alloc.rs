@@ -25,6 +25,7 @@ fn a_step_does_not_allocate() {
         command: RigCommand::default(),
         energy_cycle_j: 0.0,
         energy_second_j: 0.0,
+        ecu: None,
     };
     assert_no_alloc::assert_no_alloc(|| {
         for tick in 0..100 {

@@ -221,7 +221,7 @@ fn a_run_of_the_bench_is_on_the_bus() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = folder.path().join("bus.toml");
     let text_of = "extends = \"slalom_120\"\nname = \"bus\"\n[can]\nmapping_file = \"steering_rest_bus\"\n\
-                   interface = \"vcan0\"\n";
+                   interface = \"vcan0\"\nassist = \"ecu\"\n";
     std::fs::write(&scenario, text_of).unwrap();
     let seen_path = folder.path().join("seen.json");
     let mut ecu = start(kingpin(), &["can", "ecu", "-i", "vcan0", "--output", &seen_path.to_string_lossy()]);
@@ -256,4 +256,18 @@ fn a_run_of_the_bench_is_on_the_bus() {
     assert!(good.last().copied().unwrap() > 0.0, "{about}");
     let wrong = log.column("can", "message_wrong_count.0").unwrap();
     assert_eq!(wrong.last().copied(), Some(0.0));
+    // The rig acts on it: from the first word on, what the motor is asked for is what the ECU process said, within the
+    // limits and the fade.
+    let (used, said) =
+        (log.column("rig_status", "used_can").unwrap(), log.column("can", "ecu_assist_torque_n_m").unwrap());
+    let asked = log.column("rig_status", "assist_request_n_m").unwrap();
+    let words = used.iter().filter(|&&tick| tick < 1e12).count();
+    let most = |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0, |m: f64, v| m.max(v.abs()));
+    println!(
+        "{words} ticks with a word of the ECU; it said up to {} N·m, the motor was asked for {}",
+        most(&said),
+        most(&asked)
+    );
+    assert!(words > 0 && asked.iter().all(|a| a.is_finite()), "the rig hears the ECU: {about}");
+    assert!(most(&asked) <= most(&said) + 1e-9, "never more than was said");
 }

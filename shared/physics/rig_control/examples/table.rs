@@ -70,9 +70,6 @@ fn main() {
         change(&mut study.switches);
         show(label, &study);
     }
-    let mut blind = nominal.clone();
-    blind.preview = false;
-    show("without preview", &blind);
 }
 
 fn load() -> (config::rig::Rig, config::unit::SteeringUnit) {

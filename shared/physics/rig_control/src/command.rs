@@ -20,17 +20,6 @@ pub enum SteerCommand {
     },
 }
 
-/// Steering angle a while ahead ([`crate::RigController::preview_lead_s`] after the tick), if it is known.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct SteerPreview {
-    /// Whether the manoeuvre's steering is known ahead.
-    pub valid: bool,
-    /// Angle then. [rad]
-    pub angle_rad: f64,
-    /// Its rate then. [rad/s]
-    pub rate_rad_s: f64,
-}
-
 /// Share of the command that is let through, 0 to 1, by the state of the bench.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fade {
@@ -60,8 +49,6 @@ pub struct RigCommand {
     pub ball_height_velocity_m_s: [f64; 2],
     /// Steer axis.
     pub steer: SteerCommand,
-    /// Steering ahead of time, for the rack feed-forward.
-    pub preview: SteerPreview,
     /// What the bench's state lets through.
     pub fade: Fade,
 }
@@ -73,7 +60,6 @@ impl Default for RigCommand {
             ball_height_m: [0.0; 2],
             ball_height_velocity_m_s: [0.0; 2],
             steer: SteerCommand::Free,
-            preview: SteerPreview::default(),
             fade: Fade::OFF,
         }
     }

@@ -23,7 +23,6 @@ use rig_plant::{Actuation, Channel, Linkage, Measurement};
 pub struct RigController {
     linkage: Linkage,
     measurement_delay_s: f64,
-    rack_lag_s: f64,
     lead_s: f64,
     period_s: f64,
     has_actuator: bool,
@@ -90,7 +89,6 @@ impl RigController {
         Ok(Self {
             linkage: Linkage::new(&rig.geometry),
             measurement_delay_s: c.measurement_delay_s,
-            rack_lag_s: c.force.rack_lag_s,
             lead_s: force.lead_s(),
             period_s,
             has_actuator: steer.device == SteerDevice::Actuator,
@@ -110,11 +108,6 @@ impl RigController {
             held: RigCommand::default(),
             hold: Hold::default(),
         })
-    }
-
-    /// How far ahead of the tick [`crate::SteerPreview`] should look. [s]
-    pub fn preview_lead_s(&self) -> f64 {
-        (self.lead_s - self.rack_lag_s).max(0.0)
     }
 
     /// Compensations in force.
@@ -266,9 +259,6 @@ impl RigController {
         } else {
             bits |= flags::COMMAND_HELD;
         }
-        let p = &command.preview;
-        h.preview = *p;
-        h.preview.valid = p.valid && p.angle_rad.is_finite() && p.rate_rad_s.is_finite();
         let unit = |gain: f64| gain.clamp(0.0, 1.0);
         h.fade =
             Fade { force: unit(h.fade.force), vertical: unit(h.fade.vertical), steer: unit(h.fade.steer) };
@@ -341,18 +331,12 @@ impl RigController {
         if !self.switches.delay_compensation {
             return self.rack.velocity_m_s();
         }
-        let preview = &command.preview;
         let reference = match *steer {
             SteerCommand::Angle { angle_rad, rate_rad_s }
                 if self.has_actuator && command.fade.steer >= 1.0 =>
             {
                 let now = HubState { angle_rad, rate_rad_s };
-                let lead = self.preview_lead_s();
-                let then = if preview.valid && self.switches.steering_preview {
-                    HubState { angle_rad: preview.angle_rad, rate_rad_s: preview.rate_rad_s }
-                } else {
-                    HubState { angle_rad: angle_rad + lead * rate_rad_s, rate_rad_s }
-                };
+                let then = HubState { angle_rad: angle_rad + self.lead_s * rate_rad_s, rate_rad_s };
                 Some(SteerReference { now, then })
             }
             _ => None,
@@ -376,9 +360,9 @@ impl RigController {
             + EnergyAccount::STATE
             + 2 * DelayEstimate::STATE
             + Channel::COUNT
-            + 8
+            + 7
             + 9
-            + 6
+            + 3
             + 6
     }
 
@@ -404,7 +388,6 @@ impl RigController {
             s.force_rate_feed_forward,
             s.pressure_compensation,
             s.gain_adaptation,
-            s.steering_preview,
         ] {
             w.put(f64::from(u8::from(on)));
         }
@@ -419,8 +402,6 @@ impl RigController {
             SteerCommand::Torque { torque_n_m } => [2.0, torque_n_m, 0.0],
         };
         w.put_all(&steer);
-        let p = &h.preview;
-        w.put_all(&[f64::from(u8::from(p.valid)), p.angle_rad, p.rate_rad_s]);
         let k = &self.hold;
         w.put(f64::from(u8::from(k.started)));
         w.put_all(&k.height_m);
@@ -441,7 +422,7 @@ impl RigController {
         self.rack.load(&mut r);
         self.energy.load(&mut r);
         r.take_all(&mut self.readings);
-        let on: [f64; 8] = r.take_array();
+        let on: [f64; 7] = r.take_array();
         self.switches = Switches {
             force_conversion: on[0] != 0.0,
             rack_feed_forward: on[1] != 0.0,
@@ -450,7 +431,6 @@ impl RigController {
             force_rate_feed_forward: on[4] != 0.0,
             pressure_compensation: on[5] != 0.0,
             gain_adaptation: on[6] != 0.0,
-            steering_preview: on[7] != 0.0,
         };
         let h = &mut self.held;
         r.take_all(&mut h.tie_rod_force_n);
@@ -463,9 +443,6 @@ impl RigController {
             2 => SteerCommand::Torque { torque_n_m: a },
             _ => SteerCommand::Free,
         };
-        h.preview.valid = r.take() != 0.0;
-        h.preview.angle_rad = r.take();
-        h.preview.rate_rad_s = r.take();
         let k = &mut self.hold;
         k.started = r.take() != 0.0;
         r.take_all(&mut k.height_m);

@@ -270,57 +270,98 @@ impl ForceLoop {
     }
 }
 
-/// Valve gain over the believed one, by least squares of measured stroke steps on promised ones.
+/// Least squares of measured stroke steps on promised ones, both low-passed (the valve does not follow the loop's
+/// noise), with exponential forgetting and a belief.
 #[derive(Debug, Clone)]
-struct GainFit {
+struct Fit {
     forget: f64,
     low: f64,
+    belief_m2: f64,
     cross: f64,
     power: f64,
-    last_stroke: f64,
-    /// Stroke step and promise, both low-passed: the valve does not follow the loop's noise. [m]
+    /// Step and promise, low-passed. [m]
     slow: [f64; 2],
+}
+
+impl Fit {
+    const STATE: usize = 4;
+
+    /// `low_rad_s`: corner of the low-pass; `belief_m2`: weight of the belief as squared stroke steps.
+    fn new(low_rad_s: f64, forget_s: f64, belief_m2: f64, period_s: f64) -> Self {
+        let low = 1.0 - (-low_rad_s * period_s).exp();
+        // Squared steps of a tick grow with its square, their number falls with it: the belief is for 1 ms.
+        let belief_m2 = belief_m2 * period_s / 1e-3;
+        Self { forget: (-period_s / forget_s).exp(), low, belief_m2, cross: 0.0, power: 0.0, slow: [0.0; 2] }
+    }
+
+    fn step(&mut self, step_m: f64, promised_m: f64) {
+        for (slow, now) in self.slow.iter_mut().zip([step_m, promised_m]) {
+            *slow += self.low * (now - *slow);
+        }
+        let [step, promised] = self.slow;
+        self.cross = self.forget * self.cross + step * promised;
+        self.power = self.forget * self.power + promised * promised;
+    }
+
+    fn gain(&self, believed: f64) -> f64 {
+        ((self.cross + self.belief_m2 * believed) / (self.power + self.belief_m2)).clamp(0.5, 2.0)
+    }
+
+    fn save(&self, w: &mut StateWriter) {
+        w.put_all(&[self.cross, self.power, self.slow[0], self.slow[1]]);
+    }
+
+    fn load(&mut self, r: &mut StateReader) {
+        [self.cross, self.power, self.slow[0], self.slow[1]] = r.take_array();
+    }
+}
+
+/// Valve gain over the believed one, learnt in two stages: over seconds from all that moves, and within the first
+/// tens of milliseconds of a fast motion (a rack that breaks away) from that motion, the slow stage being its belief.
+#[derive(Debug, Clone)]
+struct GainFit {
+    slow: Fit,
+    fast: Fit,
+    last_stroke: f64,
     started: bool,
 }
 
 impl GainFit {
-    const STATE: usize = 6;
-    /// Weight of the belief, as squared stroke steps. [m²]
-    const BELIEF_M2: f64 = 1e-8;
+    const STATE: usize = 2 * Fit::STATE + 2;
 
-    /// Forgets over five seconds.
     fn new(period_s: f64) -> Self {
-        let low = 1.0 - (-30.0 * period_s).exp();
-        let forget = (-period_s / 5.0).exp();
-        Self { forget, low, cross: 0.0, power: 0.0, last_stroke: 0.0, slow: [0.0; 2], started: false }
+        Self {
+            slow: Fit::new(30.0, 5.0, 1e-8, period_s),
+            fast: Fit::new(150.0, 0.1, 3e-9, period_s),
+            last_stroke: 0.0,
+            started: false,
+        }
     }
 
     fn step(&mut self, stroke_m: f64, promised_m: f64) {
         if self.started {
             let step = stroke_m - self.last_stroke;
-            for (slow, now) in self.slow.iter_mut().zip([step, promised_m]) {
-                *slow += self.low * (now - *slow);
-            }
-            let [step, promised] = self.slow;
-            self.cross = self.forget * self.cross + step * promised;
-            self.power = self.forget * self.power + promised * promised;
+            self.slow.step(step, promised_m);
+            self.fast.step(step, promised_m);
         }
         self.last_stroke = stroke_m;
         self.started = true;
     }
 
     fn gain(&self) -> f64 {
-        ((self.cross + Self::BELIEF_M2) / (self.power + Self::BELIEF_M2)).clamp(0.5, 2.0)
+        self.fast.gain(self.slow.gain(1.0))
     }
 
     fn save(&self, w: &mut StateWriter) {
-        w.put_all(&[self.cross, self.power, self.last_stroke, f64::from(u8::from(self.started))]);
-        w.put_all(&self.slow);
+        self.slow.save(w);
+        self.fast.save(w);
+        w.put_all(&[self.last_stroke, f64::from(u8::from(self.started))]);
     }
 
     fn load(&mut self, r: &mut StateReader) {
-        [self.cross, self.power, self.last_stroke] = r.take_array();
+        self.slow.load(r);
+        self.fast.load(r);
+        self.last_stroke = r.take();
         self.started = r.take() != 0.0;
-        self.slow = r.take_array();
     }
 }

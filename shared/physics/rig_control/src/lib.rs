@@ -19,6 +19,6 @@ pub mod study;
 pub mod tracker;
 pub mod valve;
 
-pub use command::{ControlDiagnostics, Fade, RigCommand, SteerCommand, SteerPreview};
+pub use command::{ControlDiagnostics, Fade, RigCommand, SteerCommand};
 pub use controller::RigController;
 pub use rack_estimate::RackEstimate;

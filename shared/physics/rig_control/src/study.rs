@@ -8,7 +8,7 @@
 //! zero-phase 50 Hz filter, over the window in which steering is active, in % of half the peak-to-peak of that
 //! side's command. The true force is reported beside it. Not for the real-time path: it allocates.
 
-use crate::command::{ControlDiagnostics, Fade, RigCommand, SteerCommand, SteerPreview};
+use crate::command::{ControlDiagnostics, Fade, RigCommand, SteerCommand};
 use crate::controller::RigController;
 use crate::rack_estimate::RackEstimate;
 use config::Broken;
@@ -276,8 +276,6 @@ pub struct Study {
     pub period_s: f64,
     /// Output phase as a fraction of the period.
     pub output_phase: f64,
-    /// Whether the steering is known ahead.
-    pub preview: bool,
     /// Who steers.
     pub mode: SteerMode,
     /// Torque mode: torque for each radian of the manoeuvre. [N·m/rad]
@@ -295,7 +293,6 @@ impl Study {
             seed: 1,
             period_s: 1e-3,
             output_phase: 0.5,
-            preview: true,
             mode: SteerMode::Angle,
             torque_per_angle_n_m_rad: 8.0,
         }
@@ -353,7 +350,6 @@ impl Study {
             let truth = *plant.truth();
             let (force, height, height_rate) = load.step(estimate.step(&m), period_s);
             let (angle_rad, rate_rad_s) = manoeuvre.steering(time_s);
-            let ahead = manoeuvre.steering(time_s + control.preview_lead_s());
             let wanted_torque = self.torque_per_angle_n_m_rad * angle_rad;
             let mut environment =
                 RigEnvironment { vehicle_speed_m_s: manoeuvre.speed_m_s, ..Default::default() };
@@ -373,11 +369,6 @@ impl Study {
                 ball_height_m: height,
                 ball_height_velocity_m_s: height_rate,
                 steer,
-                preview: SteerPreview {
-                    valid: self.preview && self.mode == SteerMode::Angle,
-                    angle_rad: ahead.0,
-                    rate_rad_s: ahead.1,
-                },
                 fade: Fade { force: (time_s / 1.0).min(1.0), vertical: 1.0, steer: 1.0 },
             };
             control.step(&command, &m, &mut act, &mut diag);

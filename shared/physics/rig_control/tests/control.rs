@@ -4,7 +4,7 @@
 use config::rig::{Rig, Switches};
 use config::unit::SteeringUnit;
 use rig_control::study::{MANOEUVRES, Study};
-use rig_control::{ControlDiagnostics, Fade, RigCommand, RigController, SteerCommand, SteerPreview};
+use rig_control::{ControlDiagnostics, Fade, RigCommand, RigController, SteerCommand};
 use rig_plant::{Actuation, Measurement, RigEnvironment, VirtualRig};
 
 fn rig() -> Rig {
@@ -117,7 +117,6 @@ fn swing(n: u32) -> RigCommand {
         ball_height_m: [0.02 * (6.0 * t).sin(), -0.015 * (5.0 * t).sin()],
         ball_height_velocity_m_s: [0.12 * (6.0 * t).cos(), -0.075 * (5.0 * t).cos()],
         steer: SteerCommand::Angle { angle_rad: 0.8 * (4.0 * t).sin(), rate_rad_s: 3.2 * (4.0 * t).cos() },
-        preview: SteerPreview::default(),
         fade: Fade { force: gain, vertical: gain, steer: gain },
     }
 }

@@ -1,7 +1,8 @@
 //! A steering unit composed from a functional-model file, in the place of the built-in one.
 //!
 //! What the model must have (docs/MODELS.md): scalar ports `hand` (torque on the wheel, left turn positive), `left` and
-//! `right` (tension of the tie rods along the rack), the input `vehicle_speed` (and, if it wants, `engine_on`), the
+//! `right` (tension of the tie rods along the rack), the input `vehicle_speed` (and, if it wants, `engine_on`, and
+//! `assist_request`: the torque at the pinion that an ECU outside asks of its motor), the
 //! parameters `upstream_inertia` (what the rig has fixed to the shaft) and `travel` (of the rack for one turn), and the observations `hand_angle`, `hand_speed`,
 //! `torsion_torque`, `rack_position`, `rack_velocity`; `assist_force` (at the rack) where there is an assist.
 //!
@@ -28,6 +29,7 @@ pub struct ComposedUnit {
     ports: [usize; 3],
     vehicle_speed: usize,
     engine_on: Option<usize>,
+    assist_request: Option<usize>,
     /// Places of hand_angle, hand_speed, torsion_torque, rack_position, rack_velocity among the outputs.
     reads: [usize; 5],
     assist: Option<usize>,
@@ -98,10 +100,15 @@ impl ComposedUnit {
             0
         });
         let engine_on = input("engine_on");
+        let assist_request = input("assist_request");
         for (k, name) in names.iter().enumerate() {
-            if !ports.contains(&k) && k != vehicle_speed && Some(k) != engine_on && lacks.is_empty() {
+            if !ports.contains(&k)
+                && k != vehicle_speed
+                && ![engine_on, assist_request].contains(&Some(k))
+                && lacks.is_empty()
+            {
                 lacks.push(format!(
-                    "the rig gives nothing to '{name}': a steering unit takes hand, left, right, vehicle_speed and engine_on"
+                    "the rig gives nothing to '{name}': a steering unit takes hand, left, right, vehicle_speed, engine_on and assist_request"
                 ));
             }
         }
@@ -132,6 +139,7 @@ impl ComposedUnit {
             ports,
             vehicle_speed,
             engine_on,
+            assist_request,
             reads,
             assist,
             ratio,
@@ -234,6 +242,9 @@ impl SteeringUnitModel for ComposedUnit {
         if let Some(k) = self.engine_on {
             self.inputs[k] = f64::from(u8::from(input.engine_on));
         }
+        if let Some(k) = self.assist_request {
+            self.inputs[k] = input.assist_request_n_m.unwrap_or(0.0);
+        }
         let status = self.model.step(&self.inputs, step_s);
         let fault = status.not_converged || status.state_held || status.input_held;
         self.account.fault_count += f64::from(u8::from(fault));
@@ -242,6 +253,10 @@ impl SteeringUnitModel for ComposedUnit {
 
     fn output(&self) -> &UnitOutput {
         &self.out
+    }
+
+    fn takes_assist_request(&self) -> bool {
+        self.assist_request.is_some()
     }
 
     fn rack_per_radian_m(&self) -> f64 {

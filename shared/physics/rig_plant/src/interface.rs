@@ -20,11 +20,14 @@ pub struct RigEnvironment {
     pub engine_on: bool,
     /// Torque of human hands on the measuring wheel, left turn positive. [N·m]
     pub hand_torque_n_m: f64,
+    /// Assist torque that an ECU outside asks of the unit's motor, at the pinion, left turn positive. [N·m]
+    /// `None`: the unit's own ECU assists.
+    pub assist_request_n_m: Option<f64>,
 }
 
 impl Default for RigEnvironment {
     fn default() -> Self {
-        Self { vehicle_speed_m_s: 0.0, engine_on: true, hand_torque_n_m: 0.0 }
+        Self { vehicle_speed_m_s: 0.0, engine_on: true, hand_torque_n_m: 0.0, assist_request_n_m: None }
     }
 }
 

@@ -224,6 +224,15 @@ impl VirtualRig {
         if environment.hand_torque_n_m.is_finite() {
             self.environment.hand_torque_n_m = environment.hand_torque_n_m;
         }
+        if environment.assist_request_n_m.is_none_or(f64::is_finite) {
+            self.environment.assist_request_n_m = environment.assist_request_n_m;
+        }
+    }
+
+    /// Whether the steering unit's motor takes a torque from an ECU outside
+    /// ([`RigEnvironment::assist_request_n_m`]).
+    pub fn takes_assist_request(&self) -> bool {
+        self.unit.takes_assist_request()
     }
 
     /// Tunes the steering unit from the next sub-step on.
@@ -342,6 +351,7 @@ impl VirtualRig {
             rack_force_n: rack_force,
             vehicle_speed_m_s: self.environment.vehicle_speed_m_s,
             engine_on: self.environment.engine_on,
+            assist_request_n_m: self.environment.assist_request_n_m,
         };
         self.unit.step(&input, h);
         let unit = self.unit.output();
@@ -423,7 +433,7 @@ impl VirtualRig {
     /// Length of the flat state.
     pub fn state_len(&self) -> usize {
         let sides = 2 * (4 + 2 * Cylinder::STATE);
-        let held = COMMANDS + 2 * COMMANDS + 1 + 3 + 1 + 2 + 2 + 5;
+        let held = COMMANDS + 2 * COMMANDS + 1 + 5 + 1 + 2 + 2 + 5;
         sides
             + held
             + self.unit.state_len()
@@ -448,6 +458,8 @@ impl VirtualRig {
         w.put_all(&self.ramp[1]);
         w.put(self.ramp_left);
         w.put_all(&[e.vehicle_speed_m_s, f64::from(u8::from(e.engine_on)), e.hand_torque_n_m]);
+        let request = e.assist_request_n_m;
+        w.put_all(&[f64::from(u8::from(request.is_some())), request.unwrap_or(0.0)]);
         w.put(self.steer_torque);
         w.put_u64(self.count);
         w.put_u64(self.fault);
@@ -478,6 +490,10 @@ impl VirtualRig {
             vehicle_speed_m_s: r.take(),
             engine_on: r.take() != 0.0,
             hand_torque_n_m: r.take(),
+            assist_request_n_m: {
+                let [asked, torque] = r.take_array();
+                (asked != 0.0).then_some(torque)
+            },
         };
         self.steer_torque = r.take();
         self.count = r.take_u64();

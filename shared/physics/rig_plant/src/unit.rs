@@ -32,6 +32,9 @@ pub struct UnitInput {
     pub vehicle_speed_m_s: f64,
     /// Whether assist is available.
     pub engine_on: bool,
+    /// Torque that an ECU outside asks of the assist motor, at the pinion, left turn positive. [N·m] `None`: the
+    /// unit's own ECU assists.
+    pub assist_request_n_m: Option<f64>,
 }
 
 /// What of a unit can be tuned while it runs.
@@ -97,6 +100,10 @@ pub trait SteeringUnitModel: Send {
     fn output(&self) -> &UnitOutput;
     /// Takes over a tuning from the next sub-step on. A unit that cannot be tuned stays as it is.
     fn tune(&mut self, _: &UnitTuning) {}
+    /// Whether [`UnitInput::assist_request_n_m`] has a motor to act on.
+    fn takes_assist_request(&self) -> bool {
+        false
+    }
     /// Rack travel per radian of the hand wheel at the centre, signed. [m/rad]
     fn rack_per_radian_m(&self) -> f64;
     /// Highest natural frequency with `rack_stiffness_n_m` at the rack, for choosing a sub-step. [rad/s]
@@ -157,7 +164,13 @@ impl SteeringUnitModel for ColumnEps {
         let twist_rate = even * o.hand_wheel_rate_rad_s - o.rack_velocity_m_s / i;
         let torque = u.torsion_bar_stiffness_n_m_rad * twist + u.torsion_bar_damping_n_m_s_rad * twist_rate;
         let assist = match &mut self.ecu {
-            Some(ecu) => ecu.step(torque, o, i.signum(), input, step_s),
+            Some(ecu) => {
+                let wanted = match input.assist_request_n_m {
+                    Some(request) => request / i,
+                    None => ecu.wanted(torque, o, i.signum(), input, step_s),
+                };
+                ecu.motor(wanted, input.engine_on, step_s)
+            }
             None => 0.0,
         };
 
@@ -196,6 +209,10 @@ impl SteeringUnitModel for ColumnEps {
         if let Some(ecu) = &mut self.ecu {
             ecu.scale = [tuning.assist_scale, tuning.assist_damping_scale, tuning.assist_return_scale];
         }
+    }
+
+    fn takes_assist_request(&self) -> bool {
+        self.ecu.is_some()
     }
 
     fn rack_per_radian_m(&self) -> f64 {
@@ -305,33 +322,36 @@ impl Ecu {
         }
     }
 
-    fn step(&mut self, torque: f64, o: &UnitOutput, sign: f64, input: &UnitInput, step_s: f64) -> f64 {
+    /// Force that the ECU wants of its motor, at the rack. [N]
+    fn wanted(&mut self, torque: f64, o: &UnitOutput, sign: f64, input: &UnitInput, step_s: f64) -> f64 {
         let a = &self.assist;
-        let [sensed, lagged, force] = &mut self.state;
+        let [sensed, lagged, _] = &mut self.state;
         *sensed += step_s / (a.sensor_lag_s + step_s) * (torque - *sensed);
         // (1 + lead s)/(1 + lag s) = r + (1 - r)/(1 + lag s), r = lead/lag
         *lagged += step_s / (a.lead_lag_s + step_s) * (*sensed - *lagged);
         let ratio = a.lead_s / a.lead_lag_s;
         let led = ratio * *sensed + (1.0 - ratio) * *lagged;
-        let wanted = if input.engine_on {
-            let (row, part) = bracket(&a.speed_nodes_m_s, input.vehicle_speed_m_s.abs());
-            let next = (row + 1).min(a.speed_nodes_m_s.len() - 1);
-            let blend = |low: f64, high: f64| low + part * (high - low);
-            let (column, along) = bracket(&a.torque_nodes_n_m, led.abs());
-            let on_row = |row: usize| {
-                let f = &a.force_n[row];
-                f[column] + along * (f[column + 1] - f[column])
-            };
-            let map = blend(on_row(row), on_row(next)) * led.signum() * sign;
-            let damping = blend(a.damping_n_s_m[row], a.damping_n_s_m[next]) * o.rack_velocity_m_s;
-            let back = blend(a.return_n_m[row], a.return_n_m[next]) * o.rack_displacement_m;
-            let back = back.clamp(-a.return_limit_n, a.return_limit_n);
-            let [map_scale, damping_scale, return_scale] = self.scale;
-            (map_scale * map - damping_scale * damping - return_scale * back)
-                .clamp(-a.force_limit_n, a.force_limit_n)
-        } else {
-            0.0
+        let (row, part) = bracket(&a.speed_nodes_m_s, input.vehicle_speed_m_s.abs());
+        let next = (row + 1).min(a.speed_nodes_m_s.len() - 1);
+        let blend = |low: f64, high: f64| low + part * (high - low);
+        let (column, along) = bracket(&a.torque_nodes_n_m, led.abs());
+        let on_row = |row: usize| {
+            let f = &a.force_n[row];
+            f[column] + along * (f[column + 1] - f[column])
         };
+        let map = blend(on_row(row), on_row(next)) * led.signum() * sign;
+        let damping = blend(a.damping_n_s_m[row], a.damping_n_s_m[next]) * o.rack_velocity_m_s;
+        let back = blend(a.return_n_m[row], a.return_n_m[next]) * o.rack_displacement_m;
+        let back = back.clamp(-a.return_limit_n, a.return_limit_n);
+        let [map_scale, damping_scale, return_scale] = self.scale;
+        map_scale * map - damping_scale * damping - return_scale * back
+    }
+
+    /// Force of the motor, at the rack. [N]
+    fn motor(&mut self, wanted: f64, engine_on: bool, step_s: f64) -> f64 {
+        let a = &self.assist;
+        let wanted = if engine_on { wanted.clamp(-a.force_limit_n, a.force_limit_n) } else { 0.0 };
+        let force = &mut self.state[2];
         *force += step_s / (a.motor_lag_s + step_s) * (wanted - *force);
         *force
     }

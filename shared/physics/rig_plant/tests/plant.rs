@@ -327,7 +327,12 @@ fn commands_that_are_not_finite_are_ignored() {
         vertical_valve: [nan, nan],
         steer_torque_n_m: nan,
     });
-    plant.set_environment(&RigEnvironment { vehicle_speed_m_s: nan, engine_on: true, hand_torque_n_m: nan });
+    plant.set_environment(&RigEnvironment {
+        vehicle_speed_m_s: nan,
+        engine_on: true,
+        hand_torque_n_m: nan,
+        assist_request_n_m: Some(nan),
+    });
     plant.advance(0.2);
     let mut m = Measurement::default();
     plant.sample(&mut m);

@@ -6,6 +6,7 @@ mod jobs;
 mod rate;
 mod response;
 mod table;
+mod trips;
 
 use crate::exit::Exit;
 use crate::output;
@@ -22,6 +23,7 @@ Examples:
   kingpin run slalom_120 --set 'rig_file=\"found/rig.toml\"'    and use them
   kingpin rig response --output response.html      stroke and speed over frequency
   kingpin rig rate                                 steering torque at 1, 2 and 4 kHz against 10 kHz
+  kingpin rig trips                                every trip, provoked
   kingpin rig friction --output friction.html      torque over angle, weave and slow ramp
 
 All of it runs on the virtual rig, in lockstep, with the same result every time. --set changes a value as in
@@ -43,6 +45,8 @@ enum RigCommand {
     Response(response::ResponseArgs),
     /// Steering torque at tick rates of 1, 2 and 4 kHz against 10 kHz
     Rate(rate::RateArgs),
+    /// Every trip provoked on the running rig, with its reaction in ticks
+    Trips(trips::TripsArgs),
     /// Steering torque over angle for several rack frictions: weave and slow ramp
     Friction(friction::FrictionArgs),
 }
@@ -74,6 +78,7 @@ pub fn rig(args: &RigArgs) -> Exit {
         RigCommand::Identify(args) => identify::identify(args),
         RigCommand::Response(args) => response::response(args),
         RigCommand::Rate(args) => rate::rate(args),
+        RigCommand::Trips(args) => trips::trips(args),
         RigCommand::Friction(args) => friction::friction(args),
     };
     ended.unwrap_or_else(|why| match why {
