@@ -177,6 +177,7 @@ fn assist_is_stable_at_every_speed_and_lightens_steering() {
             vehicle_speed_m_s: speed,
             engine_on: true,
             hand_torque_n_m: torque,
+            assist_request_n_m: None,
         });
         plant.advance(3.0);
         // Ringing shows as curvature from tick to tick; the drift by leaking cylinders does not.
