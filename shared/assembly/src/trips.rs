@@ -270,6 +270,7 @@ fn cases(rig: &Rig) -> Vec<Case> {
             |i, _, rig| {
                 // The driver's torque is held, so that it does not turn within the rule's time.
                 i.measurement.torsion_bar_torque_n_m = 2.0 + 1e-4 * (i.tick % 7) as f64;
+                i.measurement.validity |= 1 << Channel::TorsionBarTorque as u8;
                 let push = -1.1 * rig.limits.ecu_against_n_m;
                 i.ecu = Some(EcuWord { assist_torque_n_m: push, age_ticks: 0 });
             },
