@@ -2,7 +2,7 @@
 //!
 //! A request that is missing (NaN, or its region older than `ecu_stale_s`) ramps to zero within `safe_ramp_s`, as a
 //! unit's own ECU switches off: the driver then steers without assist, which is no danger to the rig, and the bench
-//! goes on. Missing longer than `ecu_absent_max_s` it trips. A request beyond its limit is cut, one faster than its rate
+//! goes on; what comes back fades in within `resume_fade_s`. Missing longer than `ecu_absent_max_s` it trips. A request beyond its limit is cut, one faster than its rate
 //! is slowed, both are reported. One that pushes against the driver (its sign opposite to the torsion bar's torque, its
 //! size above `ecu_against_n_m`) for longer than `disagreement_s` trips: self-steering, the gravest fault of an assist;
 //! an active return and damping stay far below. Whatever is left fades with the tie-rod forces, so that an idle or
@@ -27,13 +27,16 @@ pub struct EcuWord {
 #[derive(Debug, Clone, Default)]
 pub struct EcuGate {
     request_n_m: f64,
+    /// Share of the request that is let through: an ECU that was not heard knows nothing of it, and asks for more and
+    /// more; it comes back by a fade.
+    share: f64,
     absent_ticks: u32,
     against_ticks: u32,
 }
 
 impl EcuGate {
     /// Values of its flat state.
-    pub const STATE: usize = 3;
+    pub const STATE: usize = 4;
 
     /// One tick: the first broken rule, if there is one, and the bits of what was cut.
     pub fn step(
@@ -50,6 +53,7 @@ impl EcuGate {
         let most = limits.ecu_assist_torque_n_m;
         if absent {
             bits |= flags::ECU_ABSENT;
+            self.share = 0.0;
             let step = most * period_s / limits.safe_ramp_s;
             self.request_n_m -= self.request_n_m.clamp(-step, step);
         } else {
@@ -58,8 +62,9 @@ impl EcuGate {
                 wanted = wanted.clamp(-most, most);
                 bits |= flags::ECU_ASSIST;
             }
+            self.share = (self.share + period_s / limits.resume_fade_s).min(1.0);
             let step = limits.ecu_assist_rate_n_m_s * period_s;
-            let change = wanted - self.request_n_m;
+            let change = self.share * wanted - self.request_n_m;
             if change.abs() > step {
                 bits |= flags::ECU_ASSIST_RATE;
             }
@@ -87,12 +92,18 @@ impl EcuGate {
 
     /// Writes the state.
     pub fn save(&self, w: &mut StateWriter) {
-        w.put_all(&[self.request_n_m, f64::from(self.absent_ticks), f64::from(self.against_ticks)]);
+        w.put_all(&[
+            self.request_n_m,
+            self.share,
+            f64::from(self.absent_ticks),
+            f64::from(self.against_ticks),
+        ]);
     }
 
     /// Reads the state.
     pub fn load(&mut self, r: &mut StateReader) {
         self.request_n_m = r.take();
+        self.share = r.take();
         self.absent_ticks = r.take() as u32;
         self.against_ticks = r.take() as u32;
     }

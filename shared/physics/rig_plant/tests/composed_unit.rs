@@ -40,6 +40,7 @@ fn drive(unit: &mut dyn SteeringUnitModel, t: f64, step_s: f64) -> UnitOutput {
         rack_force_n: -1.0e5 * o.rack_displacement_m - 300.0 * o.rack_velocity_m_s,
         vehicle_speed_m_s: 20.0,
         engine_on: true,
+        assist_request_n_m: None,
     };
     unit.step(&input, step_s);
     *unit.output()
@@ -79,6 +80,7 @@ fn every_shipped_unit_turns_left_with_the_rack_on_either_side() {
                 hand_wheel_torque_n_m: 5.0,
                 vehicle_speed_m_s: 10.0,
                 engine_on: true,
+                assist_request_n_m: None,
                 ..UnitInput::default()
             };
             let mut assisted = 0.0f64;
