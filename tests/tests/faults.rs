@@ -205,11 +205,10 @@ fn another_supervisor_takes_over_a_running_bench() {
     let summary = json(&output);
     assert_eq!(output.status.code(), Some(130), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(summary["run"]["end_state"], "idle");
-    // More than one where the host makes the first successor die young; the reason then stands in services.txt.
-    let restarts = summary["run"]["restarts"]["vehicle"].as_u64().unwrap();
+    // One: who ends in order in the last tick, before the supervisor's clock is there, is not started again.
     let said = std::fs::read_to_string(out.join("services.txt")).unwrap_or_default();
-    assert!((1..=3).contains(&restarts), "{restarts} restarts: {said}");
-    println!("{restarts} restarts of the vehicle service: {said}");
+    let noted = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(summary["run"]["restarts"]["vehicle"], 1, "{noted}{said}");
     assert_eq!(summary["log"]["lost_count"], 0);
     assert_eq!(left_over(&name), Vec::<String>::new());
     let again = Command::new(kingpin()).args(["attach", &name]).output().unwrap();
@@ -267,6 +266,101 @@ fn a_crash_of_everything_leaves_the_blackbox_and_the_neighbour_alone() {
     let output = second.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(left_over(&live), Vec::<String>::new());
+}
+
+/// Every kind of fault on the bus, in lockstep and by the clock; there the CAN service is killed and stopped, too.
+#[test]
+fn faults_on_the_bus_are_obeyed_and_noticed_by_whoever_they_concern() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    for (name, least) in [("can_lockstep", 9), ("can_paced", 12)] {
+        let own = own(&name.replace('_', "-"));
+        let (output, summary) = campaign(&own, name, &folder.path().join(name), &[]);
+        assert_eq!(output.status.code(), Some(0), "{}", failures(&summary));
+        assert_eq!(summary["failed_count"], 0);
+        assert_eq!(summary["skipped_count"], 0);
+        assert!(summary["passed_count"].as_u64().unwrap() >= least, "{summary:#}");
+        assert_eq!(left_over(&own), Vec::<String>::new());
+    }
+    // What the mapping does not have cannot be wrong: told before anything runs.
+    let more = ["--set", "fault[0].message=Nonsense"];
+    let (output, told) = campaign("t-can-bad", "can_lockstep", &folder.path().join("bad"), &more);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(told["error"].as_str().unwrap().contains("message Nonsense"), "{told}");
+}
+
+/// Runs a script as root in a mount namespace of its own; `None`, and said so, where that is not allowed.
+fn in_namespace(script: &str, folder: &Path) -> Option<Output> {
+    let may = Command::new("unshare").args(["-m", "true"]).output();
+    if !may.is_ok_and(|output| output.status.success()) {
+        println!("SKIPPED: mounting needs root and unshare");
+        return None;
+    }
+    let output = Command::new("unshare")
+        .args(["-m", "sh", "-euc", script])
+        .env("KINGPIN", kingpin())
+        .env("FOLDER", folder)
+        .output()
+        .unwrap();
+    Some(output)
+}
+
+/// A disk of 6 MB that never gets room again: the loop runs to its end, the loss is told, the log up to there is read.
+#[test]
+fn on_a_full_disk_the_run_ends_in_order_and_tells_its_loss() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let name = own("t-full");
+    let script = format!(
+        "mkdir $FOLDER/disk; mount -t tmpfs -o size=6m none $FOLDER/disk
+         code=0; $KINGPIN run slalom_120 --json --no-report --duration 9 --name {name} --set warm_up_s=0.5 \
+             --set rig.limits.stall_ticks=5000 --set rig.limits.holding_max_s=30 --out $FOLDER/disk/run || code=$?
+         cp -r $FOLDER/disk/run $FOLDER/saved; exit $code"
+    );
+    let Some(output) = in_namespace(&script, folder.path()) else { return };
+    let summary = json(&output);
+    assert_eq!(output.status.code(), Some(1), "{summary}{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(summary["run"]["end_state"], "idle", "the loop ran to its end: {summary}");
+    assert!(summary["run"]["failures"].to_string().contains("lost"), "{summary}");
+    assert!(summary["run"]["failures"].to_string().contains("refused"), "{summary}");
+    assert!(summary["error"].as_str().unwrap().contains("No space left"), "{summary}");
+    let log = LogReader::open(&folder.path().join("saved")).unwrap();
+    let ticks = &log.region("rig_status").unwrap().ticks;
+    assert!(ticks.len() > 500 && *ticks.last().unwrap() < 9000, "{} ticks", ticks.len());
+    assert_eq!(left_over(&name), Vec::<String>::new());
+}
+
+/// A file system mounted read-only from the beginning refuses the run; one that becomes so while the logger is started
+/// again costs what comes from then on, and nothing else.
+#[test]
+fn on_a_read_only_disk_the_loop_runs_on_and_tells_its_loss() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let name = own("t-rom");
+    let script = format!(
+        "mkdir $FOLDER/never $FOLDER/run
+         mount -t tmpfs -o ro none $FOLDER/never
+         code=0; $KINGPIN run slalom_120 --duration 5 --name {name} --out $FOLDER/never/run 2>$FOLDER/told || code=$?
+         echo $code >>$FOLDER/told
+         $KINGPIN run slalom_120 --json --no-report --duration 12 --name {name} --set warm_up_s=0.5 \
+             --set rig.limits.stall_ticks=5000 --set rig.limits.holding_max_s=30 --out $FOLDER/run &
+         until grep -q . $FOLDER/run/log.mcap 2>/dev/null; do sleep 0.2; done
+         sleep 3
+         mount --bind $FOLDER/run $FOLDER/run; mount -o remount,bind,ro $FOLDER/run
+         kill -9 $($KINGPIN table show --json --name {name} logger_status | sed -n 's/.*"writer_pid": *\([0-9]*\).*/\1/p')
+         wait $!"
+    );
+    let Some(output) = in_namespace(&script, folder.path()) else { return };
+    let told = std::fs::read_to_string(folder.path().join("told")).unwrap();
+    assert!(told.contains("Read-only file system") && told.trim_end().ends_with('3'), "{told}");
+    let summary = json(&output);
+    assert_eq!(output.status.code(), Some(1), "{summary}{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(summary["run"]["end_state"], "idle", "the loop ran to its end: {summary}");
+    assert!(summary["run"]["failures"].to_string().contains("lost"), "{summary}");
+    assert!(summary["error"].as_str().unwrap().contains("Read-only"), "{summary}");
+    let log = LogReader::open(&folder.path().join("run")).unwrap();
+    assert!(log.region("rig_status").unwrap().ticks.len() > 500, "what was written before");
+    assert_eq!(left_over(&name), Vec::<String>::new());
 }
 
 /// Limits the size of files of the logger, which is a full disk to it, for ever; then removes the directory.

@@ -1,6 +1,7 @@
 //! A fault campaign: what is done to a bench, how often, in which random order, and how long it may take to
 //! recover. The reactions that are expected belong to the kinds of faults, not to the file: see `kingpin fault --help`.
 
+use crate::can::{CanFault, FaultKind as CanEffect};
 use crate::check::{Check, Checker};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -61,6 +62,8 @@ pub enum Target {
     Logger,
     /// The supervisor: `kingpin attach` takes over.
     Supervisor,
+    /// The CAN service, in a scenario that has one.
+    Can,
 }
 
 impl Target {
@@ -72,6 +75,7 @@ impl Target {
             Target::Multibody => "multibody",
             Target::Logger => "logger",
             Target::Supervisor => "supervisor",
+            Target::Can => "can",
         }
     }
 }
@@ -142,7 +146,7 @@ pub enum FaultKind {
         #[schemars(range(min = 1, max = 10_000))]
         count: u32,
         /// Whom.
-        #[schemars(length(min = 1, max = 5))]
+        #[schemars(length(min = 1, max = 6))]
         targets: Vec<Target>,
         /// Lockstep: ticks until the service is there again; in real time it takes what it takes. [1, 1000]
         #[schemars(range(min = 1, max = 1000))]
@@ -154,7 +158,7 @@ pub enum FaultKind {
         #[schemars(range(min = 1, max = 10_000))]
         count: u32,
         /// Whom.
-        #[schemars(length(min = 1, max = 5))]
+        #[schemars(length(min = 1, max = 6))]
         targets: Vec<Target>,
         /// For how long. [ms], [1, 5000]
         #[schemars(range(min = 1.0, max = 5000.0))]
@@ -246,16 +250,21 @@ pub enum FaultKind {
         #[schemars(range(min = 1, max = 10_000))]
         ticks: u32,
     },
-    /// An order to the CAN service, which knows what its codes mean; skipped, and said so, in a bench without one.
+    /// A message on the bus is lost, late or wrong; skipped, and said so, in a scenario without a bus.
     Can {
         /// How often. [1, 10000]
         #[schemars(range(min = 1, max = 10_000))]
         count: u32,
+        /// Message, sent or received, by its name in the DBC.
+        message: String,
+        /// What happens to it.
+        effect: CanEffect,
+        /// For `delay`: by how much; 0 for the other effects. [ms], [0, 10000]
+        #[schemars(range(min = 0.0, max = 10_000.0))]
+        delay_ms: f64,
         /// Ticks in a row. [1, 10000]
         #[schemars(range(min = 1, max = 10_000))]
         ticks: u32,
-        /// Codes.
-        value: [f64; 4],
     },
 }
 
@@ -303,8 +312,21 @@ impl FaultKind {
             | FaultKind::Corrupt { targets, .. }
             | FaultKind::ClockStep { targets, .. } => targets,
             FaultKind::DiskFull { .. } => &[Target::Logger],
-            FaultKind::Sensor { .. } | FaultKind::Can { .. } => &[Target::Rig],
+            FaultKind::Sensor { .. } => &[Target::Rig],
+            FaultKind::Can { .. } => &[Target::Can],
         }
+    }
+
+    /// The fault of a message as a scenario would state it, but for its time.
+    pub fn can_fault(&self) -> Option<CanFault> {
+        let FaultKind::Can { message, effect, delay_ms, .. } = self else { return None };
+        Some(CanFault {
+            message: message.clone(),
+            fault: *effect,
+            start_s: 0.0,
+            end_s: None,
+            delay_ms: (*effect == CanEffect::Delay).then_some(*delay_ms),
+        })
     }
 }
 
@@ -326,13 +348,14 @@ impl Check for Campaign {
         let lockstep = self.drive == CampaignDrive::Lockstep;
         for (i, kind) in self.fault.iter().enumerate() {
             c.within(&format!("fault[{i}]"), |c| {
-                use Target::{Logger, Multibody, Rig, Supervisor, Vehicle};
+                use Target::{Can, Logger, Multibody, Rig, Supervisor, Vehicle};
                 let can: &[Target] = match kind {
                     FaultKind::Kill { .. } | FaultKind::Stop { .. } if !lockstep => {
-                        &[Rig, Vehicle, Multibody, Logger, Supervisor]
+                        &[Rig, Vehicle, Multibody, Logger, Supervisor, Can]
                     }
                     FaultKind::Late { .. } | FaultKind::Corrupt { .. } => &[Vehicle, Multibody],
                     FaultKind::DiskFull { .. } => &[Logger],
+                    FaultKind::Can { .. } => &[Can],
                     _ => &[Rig, Vehicle, Multibody],
                 };
                 for (k, target) in kind.targets().iter().enumerate() {
@@ -353,6 +376,10 @@ impl Check for Campaign {
                     FaultKind::Sensor { effect, offset, .. } => {
                         let fits = (*effect == SensorEffect::Offset) == (*offset != 0.0);
                         c.require(fits, "offset", "must be 0 except for effect = \"offset\"");
+                    }
+                    FaultKind::Can { effect, delay_ms, .. } => {
+                        let fits = (*effect == CanEffect::Delay) == (*delay_ms > 0.0);
+                        c.require(fits, "delay_ms", "must be 0 except for effect = \"delay\"");
                     }
                     _ => {}
                 }

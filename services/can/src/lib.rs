@@ -13,8 +13,11 @@ use can::socket::SocketBus;
 use runtime::clock::{self, Grid, Nanos, SECOND};
 use runtime::lockstep::{self, Patience};
 use runtime::realtime::{self, Wish};
-use runtime::{Bound, Model};
+use runtime::{Bound, Hooks, Model};
 use table::Bench;
+
+/// This service's number in region `faults`.
+pub const TARGET: u64 = 4;
 
 /// When in the tick the service looks at the table: behind the rig's output phase. [fraction of T]
 const LOOK_AT: f64 = 0.9;
@@ -56,10 +59,14 @@ pub fn run(bench: &Bench, mut note: impl FnMut(&str)) -> Result<(), ServiceError
         let done = lockstep::follow(&mut bound, 0, patience, |n| watch.ended(n, manifest.drive));
         return done.map(drop).map_err(ServiceError::Tick);
     }
+    if manifest.faults {
+        bound.set_hooks(Hooks::new(&table, TARGET));
+    }
     let grid = Grid { t0, period };
     let mut n = grid.tick_at(clock::now());
     while !watch.ended(n, manifest.drive) {
         clock::sleep_until(grid.at(n, LOOK_AT), 0);
+        bound.look_at_orders(n);
         bound.tick(0, n, false).map_err(ServiceError::Tick)?;
         n = (n + 1).max(grid.tick_at(clock::now()));
     }

@@ -176,6 +176,9 @@ observer of its own who reads the table:
   sensor             trips with a sensor's code, or is within tolerance (said); runs again when acknowledged
   disk_full          the loop runs on; what is lost is counted, what is logged is readable
   clock_step         nothing: time is monotonic; all files of the log keep one clock origin
+  can                a message of the mapping is dropped, delayed, its counter stuck or its checksum wrong: whoever
+                     receives it counts that (the ECU says so in its diagnosis), the message comes back, the loop
+                     never notices; the CAN service itself may be killed and stopped, too
 
 A fault during which the host itself stalled the rig for more ticks than the limit says nothing about the bench: it is
 counted as `host stalled`, not as passed, and made again. Exit code 1 if any fault had another reaction than expected.
@@ -185,7 +188,8 @@ Results in the directory: faults.json, faults.html (force, state, staleness arou
 Examples:
   kingpin fault kills_30
   kingpin fault kills_1000 --json
-  kingpin fault lockstep_mix --set seed=7 --keep";
+  kingpin fault lockstep_mix --set seed=7 --keep
+  kingpin fault can_paced";
 
 /// Arguments of `bench`.
 #[derive(Debug, ClapArgs)]

@@ -221,6 +221,11 @@ impl Logger {
         while self.drain() > 0 {}
         if self.log.flush() {
             self.status.written_tick = self.status.read_tick;
+        } else {
+            // The disk did not come back: what was kept for it in memory goes with this process.
+            let dense = self.tracks.iter().filter(|track| track.dense).count() as u64;
+            let kept = self.status.read_tick.saturating_sub(self.status.written_tick);
+            self.status.lost_count += kept * dense;
         }
         self.publish();
         let stats = self.log.finish();

@@ -77,7 +77,7 @@ pub(crate) fn run(
         None => logger::create_log(&manifest, info.t0_ns),
     });
     let mut log = logger::Logger::new(&table, make).map_err(RunError::Table)?;
-    if run.resolved.can.is_some() && !run.faults {
+    if run.resolved.can.is_some() {
         log.must_have(RegionId::Can);
     }
     let abandoned = AtomicBool::new(false);

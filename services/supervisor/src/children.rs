@@ -251,9 +251,12 @@ impl Children {
         restart_delay_ns: Nanos,
         running: [Option<ProcessId>; 4],
         restarts: [u64; 4],
+        optional: &[(&'static str, Option<ProcessId>)],
     ) -> Self {
-        // An optional service has no region that tells its process: it goes on unwatched and ends with the run.
-        let mut children = Self::none(executable, bench, output, restart_delay_ns, &[]);
+        let names: Vec<_> = optional.iter().map(|(name, _)| *name).collect();
+        let mut children = Self::none(executable, bench, output, restart_delay_ns, &names);
+        let restarts = restarts.into_iter().chain(std::iter::repeat(0));
+        let running = running.into_iter().chain(optional.iter().map(|(_, id)| *id));
         for ((service, id), restarts) in children.services.iter_mut().zip(running).zip(restarts) {
             service.process = id.and_then(Process::adopt);
             service.restarts = restarts;

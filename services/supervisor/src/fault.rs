@@ -2,7 +2,7 @@
 //! stepped after the rig has applied; a killed one comes back as a new model from the last checkpoint. All by
 //! tick, so that the same plan gives the same bits.
 
-use assembly::{AssemblyError, ServiceKind, build};
+use assembly::{AssemblyError, ServiceKind, build, build_can};
 use config::ResolvedBench;
 use regions::{Fault, Payload, RegionId, fault_kind};
 use runtime::{Bound, Hooks, Model, TickError};
@@ -51,7 +51,17 @@ pub enum Action {
         /// See [`Fault::value`].
         value: [f64; 4],
     },
+    /// An order to the CAN node, whatever the target.
+    Can {
+        /// Ticks in a row.
+        ticks: u64,
+        /// See [`Fault::value`].
+        value: [f64; 4],
+    },
 }
+
+/// The CAN node's number in [`Fault::target`].
+const CAN_TARGET: u64 = 4;
 
 struct Slot {
     kind: ServiceKind,
@@ -71,6 +81,7 @@ pub(crate) struct FaultChain<'a> {
     plan: &'a [PlannedFault],
     orders: RegionWriter,
     slots: [Slot; 3],
+    can: Option<Bound<dyn Model>>,
     catch_up_max: u64,
 }
 
@@ -99,6 +110,15 @@ impl<'a> FaultChain<'a> {
             let bound = Some(bind(kind, resolved, table)?);
             Ok(Slot { kind, bound, next: 0, back_at: 0, reborn: false, torn_at: None, late_until: 0 })
         };
+        let can = build_can(resolved, None, false).map_err(FaultError::Assembly)?;
+        let can = can
+            .map(|model| {
+                let mut bound = Bound::new(model, table, false)?;
+                bound.set_hooks(Hooks::in_process(table, CAN_TARGET));
+                Ok(bound)
+            })
+            .transpose()
+            .map_err(FaultError::Tick)?;
         let [rig, vehicle, multibody] = ServiceKind::ALL;
         let orders = table.claim_writer(RegionId::Faults as usize);
         Ok(FaultChain {
@@ -107,6 +127,7 @@ impl<'a> FaultChain<'a> {
             plan,
             orders: orders.map_err(|e| FaultError::Tick(TickError::Table(e)))?,
             slots: [slot(rig)?, slot(vehicle)?, slot(multibody)?],
+            can,
             catch_up_max: u64::from(resolved.scenario.limits.catch_up_max_ticks),
         })
     }
@@ -114,6 +135,7 @@ impl<'a> FaultChain<'a> {
     fn begin(&mut self, n: u64) {
         for fault in self.plan.iter().filter(|fault| fault.tick == n) {
             let slot = &mut self.slots[fault.target as usize];
+            let mut target = fault.target as u64;
             let (kind, ticks, value) = match fault.action {
                 Action::Kill { away_ticks } => {
                     (slot.back_at, slot.reborn) = (n + away_ticks, true);
@@ -134,11 +156,15 @@ impl<'a> FaultChain<'a> {
                     (fault_kind::TORN_WRITE, 1, [0.0; 4])
                 }
                 Action::Order { kind, ticks, value } => (kind, ticks, value),
+                Action::Can { ticks, value } => {
+                    target = CAN_TARGET;
+                    (fault_kind::CAN, ticks, value)
+                }
             };
             let number = self.orders.head();
             let order = Fault {
                 tick: number,
-                target: fault.target as u64,
+                target,
                 kind,
                 from_tick: n,
                 end_tick: n + ticks,
@@ -208,6 +234,11 @@ impl<'a> FaultChain<'a> {
             if late(self, index) {
                 self.step(index, 0, n)?;
             }
+        }
+        // Beside the loop, behind everybody.
+        if let Some(can) = &mut self.can {
+            can.look_at_orders(n);
+            can.tick(0, n, false).map_err(FaultError::Tick)?;
         }
         Ok(())
     }

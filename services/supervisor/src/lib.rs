@@ -229,6 +229,10 @@ pub fn save_before_cleaning(lock: &table::BenchLock) -> String {
 /// If a segment cannot be removed; the rest goes all the same.
 pub fn remove_left_overs(lock: &table::BenchLock) -> Result<usize, TableError> {
     let segments = table::remove_bench(lock);
+    if matches!(segments, Err(TableError::Claimed { .. })) {
+        // Somebody still writes there: its manifest and links are in use, too.
+        return segments;
+    }
     operator_link::remove_left_over(lock);
     Manifest::remove(&lock.bench().directory());
     segments

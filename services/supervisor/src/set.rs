@@ -153,9 +153,13 @@ pub(crate) fn attach(
     let period_s = scenario.timing.period_s();
     let table = Table::adopt(&lock, &region_specs(period_s)).map_err(RunError::Table)?;
     let t0 = table.info().map_or(0, |info| info.t0_ns);
+    let alive =
+        |id: RegionId| table.reader(id as usize).header().writer().filter(|&writer| table::is_alive(writer));
     let running =
         [RegionId::RigMeasurement, RegionId::VehicleState, RegionId::SuspensionState, RegionId::LoggerStatus]
-            .map(|id| table.reader(id as usize).header().writer().filter(|&w| table::is_alive(w)));
+            .map(alive);
+    let can = [("can", alive(RegionId::Can))];
+    let optional = if manifest.resolved.can.is_some() { &can[..] } else { &[] };
     if t0 == 0 || running.iter().all(Option::is_none) {
         return Err(no_run(format!(
             "none of its services runs any more; `kingpin blackbox --name {0}` saves its last seconds, \
@@ -191,6 +195,7 @@ pub(crate) fn attach(
         attach.restart_delay_ns,
         running,
         if spoken.is_some() { last.restarts } else { [0; 4] },
+        optional,
     );
     let now = grid.tick_at(clock::now());
     let alone_s = now.saturating_sub(last.tick) as f64 * period_s;
@@ -306,10 +311,12 @@ impl Supervision<'_> {
         }
     }
 
-    /// One look at the services. Returns the verdict if one was given up.
-    fn watch(&mut self, children: &mut Children) -> Option<String> {
+    /// One look at the services at tick `n`. Returns the verdict if one was given up.
+    fn watch(&mut self, n: u64, children: &mut Children) -> Option<String> {
         let mut verdict = None;
-        for change in children.watch(false) {
+        // Vehicle and multibody are done with the last tick before it is over: who ends in order then has seen the end.
+        let ending = n + 1 >= self.operator.plan.end;
+        for change in children.watch(ending) {
             let line = change.to_string();
             self.observer.note(&line);
             if matches!(change, Change::GivenUp { .. }) {
@@ -337,7 +344,7 @@ impl Supervision<'_> {
                 return (interrupted, given_up);
             }
             if given_up.is_none() {
-                given_up = self.watch(children);
+                given_up = self.watch(n, children);
                 if given_up.is_some() {
                     self.operator.plan.stop_at(n);
                 }

@@ -6,15 +6,15 @@
 use crate::AssemblyError;
 use can::bus::{Bus, Event};
 use can::ecu::{self, MemoryBus, VirtualEcu};
-use can::fault::Faults;
+use can::fault::{Faults, Spell};
 use can::mapping::{Plan, Variable, compile};
 use can::receive::{Receiver, status};
 use can::restbus::RestBus;
 use can::{Database, database};
-use config::can::Can as Mapping;
+use config::can::{Can as Mapping, CanFault, FaultKind};
 use config::{Broken, ResolvedBench, TextFile};
 use regions::layout::{Column, Kind};
-use regions::{Can, NO_TICK, Payload, RegionId, can_flags};
+use regions::{Can, Fault, NO_TICK, Payload, RegionId, can_flags, fault_kind};
 use runtime::{InputSpec, Inputs, Model, NodeSpec, Step, When};
 
 /// Regions whose fields may be sent, in the order of the node's inputs.
@@ -107,6 +107,42 @@ impl CanParts {
     }
 }
 
+/// Effects in the order of their codes in an order to the CAN service.
+const EFFECTS: [FaultKind; 4] =
+    [FaultKind::Drop, FaultKind::Delay, FaultKind::StaleCounter, FaultKind::WrongCrc];
+
+/// Whether a message of the mapping is sent or received, and its place there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CanMessage {
+    /// Sent by the bench.
+    Sent(usize),
+    /// Received from the ECU.
+    Received(usize),
+}
+
+/// What a fault campaign orders of the CAN service: the values of an order of kind `CAN` in region `faults`, and the
+/// message meant. `None`: the scenario has no bus.
+///
+/// # Errors
+/// What does not fit the mapping: no such message, or one without the counter or checksum that is to be wrong.
+pub fn can_order(
+    resolved: &ResolvedBench,
+    fault: &CanFault,
+) -> Result<Option<([f64; 4], CanMessage)>, AssemblyError> {
+    let Some(parts) = CanParts::new(resolved)? else { return Ok(None) };
+    Faults::compile(&parts.plan, std::slice::from_ref(fault)).map_err(|broken| faults_of(&broken))?;
+    let sent = parts.plan.send.iter().position(|message| message.name == fault.message);
+    let received = parts.plan.receive.iter().position(|message| message.name == fault.message);
+    let (number, message) = match (sent, received) {
+        (Some(k), _) => (k, CanMessage::Sent(k)),
+        (None, Some(k)) => (parts.plan.send.len() + k, CanMessage::Received(k)),
+        (None, None) => return Ok(None),
+    };
+    let effect = EFFECTS.iter().position(|effect| *effect == fault.fault).unwrap_or(0);
+    let delay_s = fault.delay_ms.map_or(0.0, |ms| ms * 1e-3);
+    Ok(Some(([number as f64, effect as f64, delay_s, 0.0], message)))
+}
+
 fn faults_of(broken: &[Broken]) -> AssemblyError {
     AssemblyError::new("can", broken.iter().map(|broken| format!("{}: {}", broken.key, broken.rule)))
 }
@@ -183,6 +219,8 @@ pub struct CanNode {
     words: Vec<usize>,
     received: u64,
     bus_errors: u64,
+    /// Time of the last step. [ns]
+    now_ns: u64,
 }
 
 impl CanNode {
@@ -218,6 +256,7 @@ impl CanNode {
             words,
             received: 0,
             bus_errors: 0,
+            now_ns: 0,
         }
     }
 }
@@ -227,7 +266,35 @@ impl Model for CanNode {
         NODES
     }
 
+    /// `value`: number of the message (those sent first, then those received), effect by [`EFFECTS`], delay \[s\].
+    fn fault(&mut self, order: &Fault) {
+        let [number, effect, delay_s, _] = order.value;
+        let (number, sent) = (number as usize, self.rest_bus.plan().len());
+        let Some(&kind) = EFFECTS.get(effect as usize) else { return };
+        if order.kind != fault_kind::CAN {
+            return;
+        }
+        let spell = Spell {
+            kind,
+            start_ns: order.from_tick.saturating_mul(self.period_ns),
+            end_ns: order.end_tick.saturating_mul(self.period_ns),
+            delay_ns: (delay_s.clamp(0.0, 3600.0) * 1e9) as u64,
+        };
+        let now_ns = self.now_ns;
+        if let Some(k) = number.checked_sub(sent) {
+            self.receiver.inject(k, now_ns, spell);
+            return;
+        }
+        // The pages of a multiplexed message are sent one by one under one name: all of them.
+        for k in 0..sent {
+            if self.rest_bus.plan()[k].name == self.rest_bus.plan()[number].name {
+                self.rest_bus.inject(k, now_ns, spell);
+            }
+        }
+    }
+
     fn step(&mut self, _node: usize, step: &Step, inputs: &Inputs, output: &mut [u64]) {
+        self.now_ns = step.n * self.period_ns;
         let now_ns = step.n * self.period_ns;
         for &index in &self.used {
             let place = self.places[index];

@@ -16,7 +16,7 @@ use vehicle::{AxleKinematics, Vehicle};
 pub fn build_car(resolved: &ResolvedCar, step_s: f64) -> Result<Vehicle, AssemblyError> {
     let axles = [resolved.front_axle.as_ref(), resolved.rear_axle.as_ref()];
     let maps = maps(&resolved.car, axles[0], axles[1], None)?;
-    assemble(&resolved.car, axles, maps, &resolved.tyres, step_s)
+    assemble(&resolved.car, axles, maps, &resolved.tyres, step_s, true)
 }
 
 /// Kinematics maps, front and rear: swept from hardpoints where the car names them (or found in the directory `kept`), else
@@ -48,13 +48,14 @@ pub(crate) fn maps(
 }
 
 /// Car, axles (front, rear; their bushings' compliance comes to the car's own), maps and tyres (front, rear; or one for
-/// both) together.
+/// both) together; not `settled`: its state is loaded before it is stepped.
 pub(crate) fn assemble(
     car: &Car,
     axles: [Option<&Axle>; 2],
     maps: [AxleKinematics; 2],
     tyres: &[TextFile],
     step_s: f64,
+    settled: bool,
 ) -> Result<Vehicle, AssemblyError> {
     let parse = |index: usize| match tyres.get(index).or(tyres.first()) {
         Some(file) => {
@@ -64,7 +65,8 @@ pub(crate) fn assemble(
     };
     let (front, rear) = (parse(0)?, parse(1)?);
     let car = with_bushings(car, axles).map_err(|(part, faults)| AssemblyError::new(part, faults))?;
-    Vehicle::new(&car, maps, [front.clone(), front, rear.clone(), rear], step_s).map_err(|broken| {
+    let make = if settled { Vehicle::new } else { Vehicle::unsettled };
+    make(&car, maps, [front.clone(), front, rear.clone(), rear], step_s).map_err(|broken| {
         AssemblyError::new("car", broken.into_iter().map(|b| format!("{}: {}", b.key, b.rule)))
     })
 }

@@ -66,6 +66,9 @@ impl MultibodyNode {
         let mut last = SuspensionState::absent();
         (last.used_rig_measurement, last.used_vehicle_state) = (NO_TICK, NO_TICK);
         let ball_design_m = [output.side[0].tie_rod_ball_m.z, output.side[1].tie_rod_ball_m.z];
+        if suspension.state_len() + OWN > MultibodyCheckpoint::absent().state.len() {
+            return Err(AssemblyError::new("front axle", ["its state does not fit the checkpoint region"]));
+        }
         suspension.reset();
         suspension.set_period(Some(resolved.scenario.timing.period_s()));
         Ok(MultibodyNode {
@@ -85,6 +88,10 @@ impl MultibodyNode {
         })
     }
 }
+
+/// Words of the node's own state behind the suspension's in a checkpoint: the input in force and the last output, for a
+/// first step behind a restart that finds its inputs missing.
+const OWN: usize = SuspensionInput::LEN + size_of::<SuspensionState>() / 8;
 
 fn vectors(words: &[f64]) -> [Vector3<f64>; 2] {
     [Vector3::new(words[0], words[1], words[2]), Vector3::new(words[3], words[4], words[5])]
@@ -106,13 +113,13 @@ impl Model for MultibodyNode {
 
         let rack = measured.rack_displacement_m;
         let plausible = rack.is_finite() && rack.abs() <= 1.5 * self.rack_max_m;
-        let rig = self.rig_guard.judge(step, rig_input, plausible, &mut flags);
+        let rig = self.rig_guard.judge(step, rig_input, plausible, self.used[0], &mut flags);
         let force = &car.wheel_centre_force_n[..6];
         let moment = &car.wheel_centre_moment_n_m[..6];
         let plausible = force.iter().chain(moment).all(|f| f.abs() <= FORCE_MAX)
             && car.wheel_travel_m[..2].iter().chain(&car.wheel_travel_speed_m_s[..2]).all(|v| v.is_finite())
             && car.flags & (model_flags::STALE | model_flags::MODEL_FAULT) == 0;
-        let vehicle = self.vehicle_guard.judge(step, car_input, plausible, &mut flags);
+        let vehicle = self.vehicle_guard.judge(step, car_input, plausible, self.used[1], &mut flags);
 
         if rig == Verdict::Good {
             self.input.rack_m = rack;
@@ -158,20 +165,28 @@ impl Model for MultibodyNode {
         let checkpoint = &mut checkpoint[0];
         let len = self.suspension.state_len();
         checkpoint.tick = n;
-        checkpoint.len = len as u64;
+        checkpoint.len = (len + OWN) as u64;
         checkpoint.counters =
             [self.rig_guard.held_count(), self.vehicle_guard.held_count(), self.used[0], self.used[1], 0, 0];
         self.suspension.save_state(&mut checkpoint.state[..len]);
+        let (input, last) = checkpoint.state[len..len + OWN].split_at_mut(SuspensionInput::LEN);
+        input.copy_from_slice(&self.input.to_array());
+        // Bits, whatever they mean.
+        bytemuck::cast_slice_mut::<f64, u64>(last).copy_from_slice(self.last.words());
     }
 
     fn restore(&mut self, words: &[u64]) -> bool {
         let checkpoint: &[MultibodyCheckpoint] = bytemuck::cast_slice(words);
         let checkpoint = &checkpoint[0];
         let len = self.suspension.state_len();
-        if checkpoint.len != len as u64 || !checkpoint.state[..len].iter().all(|v| v.is_finite()) {
+        let (input, last) = checkpoint.state[len..len + OWN].split_at(SuspensionInput::LEN);
+        let numbers = checkpoint.state[..len].iter().chain(input);
+        if checkpoint.len != (len + OWN) as u64 || !numbers.copied().all(f64::is_finite) {
             return false;
         }
         self.suspension.load_state(&checkpoint.state[..len]);
+        self.input = SuspensionInput::from_array(input);
+        self.last.words_mut().copy_from_slice(bytemuck::cast_slice(last));
         self.rig_guard.restore(checkpoint.counters[0]);
         self.vehicle_guard.restore(checkpoint.counters[1]);
         self.used = [checkpoint.counters[2], checkpoint.counters[3]];

@@ -72,7 +72,18 @@ impl VehicleNode {
         let period_s = scenario.timing.period_s();
         let manoeuvre = Manoeuvre::new(scenario, resolved.record.as_ref())
             .map_err(|fault| AssemblyError::new("scenario", [fault]))?;
-        let vehicle = build_vehicle(resolved, period_s, kept)?;
+        // Settling takes thousands of steps: a restarted service finds the state there.
+        let settled = kept.map(|kept| kept.join(settled_name(resolved)));
+        let found = settled.as_ref().and_then(|file| read_state(file));
+        let mut vehicle = build_vehicle(resolved, period_s, kept, found.is_none())?;
+        let fits = |state: &Vec<f64>| state.len() == vehicle.state_len();
+        let (there, found) = (found.is_some(), found.filter(fits));
+        match &found {
+            Some(state) => vehicle.load_state(state),
+            // Another car's file by the same name: as if there were none.
+            None if there => vehicle.reset(0.0, &VehicleInput::default()),
+            None => {}
+        }
         let driver = match &scenario.steer {
             Steer::Path(following) => Some(PathDriver::new(following)),
             _ => None,
@@ -107,15 +118,11 @@ impl VehicleNode {
             tuning: Tuning { friction_scale: [1.0; WHEELS], speed_offset_m_s: 0.0 },
             last,
         };
-        let input = node.input(0.0);
-        // Settling takes a thousand steps: a restarted service finds the state there.
-        let settled = kept.map(|kept| kept.join(settled_name(resolved)));
-        let mut state = vec![0.0; node.vehicle.state_len()];
-        if settled.as_ref().is_some_and(|file| read_state(file, &mut state)) {
-            node.vehicle.load_state(&state);
-        } else {
+        if found.is_none() {
+            let input = node.input(0.0);
             node.vehicle.reset(node.manoeuvre.initial_speed_m_s(), &input);
             if let Some(file) = settled {
+                let mut state = vec![0.0; node.vehicle.state_len()];
                 node.vehicle.save_state(&mut state);
                 write_state(&file, &state);
             }
@@ -175,16 +182,11 @@ fn settled_name(resolved: &ResolvedBench) -> String {
     format!("{}settled-{}.f64", crate::kinematics::CACHE_PREFIX, resolved.hash())
 }
 
-fn read_state(file: &Path, state: &mut [f64]) -> bool {
-    let Ok(bytes) = std::fs::read(file) else { return false };
+fn read_state(file: &Path) -> Option<Vec<f64>> {
+    let bytes = std::fs::read(file).ok()?;
     let (words, rest) = bytes.as_chunks::<8>();
-    if words.len() != state.len() || !rest.is_empty() {
-        return false;
-    }
-    for (value, word) in state.iter_mut().zip(words) {
-        *value = f64::from_le_bytes(*word);
-    }
-    state.iter().all(|value| value.is_finite())
+    let state: Vec<f64> = words.iter().map(|word| f64::from_le_bytes(*word)).collect();
+    (rest.is_empty() && state.iter().all(|value| value.is_finite())).then_some(state)
 }
 
 fn write_state(file: &Path, state: &[f64]) {
@@ -199,6 +201,7 @@ pub(crate) fn build_vehicle(
     resolved: &ResolvedBench,
     period_s: f64,
     kept: Option<&Path>,
+    settled: bool,
 ) -> Result<Vehicle, AssemblyError> {
     let front_axle = Some(&resolved.front_axle);
     let maps = car::maps(&resolved.car, front_axle, resolved.rear_axle.as_ref(), kept)?;
@@ -209,6 +212,7 @@ pub(crate) fn build_vehicle(
         maps,
         &resolved.tyres,
         period_s,
+        settled,
     )?;
     if let Some(section) = &resolved.scenario.equations {
         vehicle.set_equations(section).map_err(|broken| {
@@ -258,7 +262,7 @@ impl Model for VehicleNode {
         let mut flags = 0;
         let rack = measured.rack_displacement_m;
         let plausible = rack.is_finite() && rack.abs() <= 1.5 * self.rack_max_m;
-        let verdict = self.guard.judge(step, input, plausible, &mut flags);
+        let verdict = self.guard.judge(step, input, plausible, self.used_tick, &mut flags);
         if verdict == Verdict::Good {
             (self.rack_m, self.used_tick) = (rack, input.tick());
         }
@@ -360,7 +364,9 @@ impl Model for VehicleNode {
         self.guard.restore(checkpoint.counters[0]);
         self.used_tick = checkpoint.counters[1];
         self.restored = true;
+        // What a stale first step holds.
         fill(&mut self.last, self.vehicle.output());
+        self.last.rack_displacement_m = [self.rack_m; 2];
         true
     }
 }

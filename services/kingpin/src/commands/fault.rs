@@ -1,6 +1,7 @@
 //! `fault`: runs a fault campaign and says whether every reaction was the expected one.
 
 mod judge;
+mod judge_can;
 mod lockstep;
 mod paced;
 mod page;
@@ -31,8 +32,8 @@ use table::Bench;
 const TRIES_MAX: u32 = 5;
 
 /// Regions of the log that are read.
-const READ: [&str; 7] =
-    ["bench", "rig_measurement", "vehicle_state", "suspension_state", "rig_status", "faults", "parameters"];
+const READ: [&str; 8] =
+    ["can", "bench", "rig_measurement", "vehicle_state", "suspension_state", "rig_status", "faults", "parameters"];
 
 /// What all runs of a campaign gave.
 #[derive(Default)]
@@ -84,11 +85,17 @@ pub fn fault(args: &FaultArgs) -> Exit {
     let interrupt = super::run::interruptible();
     // Orphans of killed supervisors become ours, and are collected.
     let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid()));
+    let mut all = schedule::schedule(&campaign);
+    if let Err(error) = schedule::bind(&mut all, &resolved) {
+        return refuse(Exit::BadInput, format!("campaign {}: {error}", campaign.name));
+    }
     let bar = progress(&campaign, args.json);
     let result = match campaign.drive {
-        CampaignDrive::Paced => run_paced(args, &campaign, &resolved, &bench, &directory, &interrupt, &bar),
+        CampaignDrive::Paced => {
+            run_paced(args, &campaign, &resolved, &bench, &directory, &interrupt, &bar, all)
+        }
         CampaignDrive::Lockstep => {
-            run_lockstep(args, &campaign, resolved, &bench, &directory, &interrupt, &bar)
+            run_lockstep(args, &campaign, resolved, &bench, &directory, &interrupt, &bar, &all)
         }
     };
     bar.finish_and_clear();
@@ -138,6 +145,7 @@ fn progress(campaign: &Campaign, quiet: bool) -> ProgressBar {
     bar
 }
 
+#[allow(clippy::too_many_arguments)]
 fn run_paced(
     args: &FaultArgs,
     campaign: &Campaign,
@@ -146,8 +154,9 @@ fn run_paced(
     directory: &Path,
     interrupt: &AtomicBool,
     bar: &ProgressBar,
+    all: Vec<Injection>,
 ) -> std::result::Result<Result, String> {
-    let mut queue: VecDeque<Injection> = schedule::schedule(campaign).into();
+    let mut queue: VecDeque<Injection> = all.into();
     let mut result = Result::default();
     let mut barren = 0;
     while !queue.is_empty() && !interrupt.load(Ordering::Relaxed) {
@@ -265,6 +274,7 @@ impl Observer for Quiet<'_> {
     }
 }
 
+#[allow(clippy::too_many_arguments)]
 fn run_lockstep(
     args: &FaultArgs,
     campaign: &Campaign,
@@ -273,9 +283,9 @@ fn run_lockstep(
     directory: &Path,
     interrupt: &AtomicBool,
     bar: &ProgressBar,
+    all: &[Injection],
 ) -> std::result::Result<Result, String> {
     let mut result = Result::default();
-    let all = schedule::schedule(campaign);
     let mut identical = true;
     for injections in all.chunks(campaign.faults_per_run as usize) {
         let (plan, made, duration_s) = lockstep::plan(injections, &resolved);

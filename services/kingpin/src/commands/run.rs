@@ -156,12 +156,6 @@ fn say(json: bool, exit: Exit, error: &str) -> Exit {
 
 /// Summary, report and verdict of a run that was made.
 fn finish(args: Ending, run: &Run, outcome: &Outcome) -> Exit {
-    let log = match LogReader::open(&run.directory) {
-        Ok(log) => log,
-        Err(error) => {
-            return say(args.json, Exit::Failed, &format!("the run left no readable log: {error}"));
-        }
-    };
     let mut failures = Vec::new();
     let state = regions::state_name(outcome.last_status.state);
     if outcome.last_status.trip_code != 0 {
@@ -196,10 +190,22 @@ fn finish(args: Ending, run: &Run, outcome: &Outcome) -> Exit {
         "failures": failures,
         "directory": run.directory,
     });
-    let written = super::summary::write_all(&log, &run.directory, args.report, &extra);
+    let written = match LogReader::open(&run.directory) {
+        Ok(log) => super::summary::write_all(&log, &run.directory, args.report, &extra),
+        Err(error) => Err(format!("the run left no readable log: {error}")),
+    };
     let summary = match written {
         Ok(summary) => summary,
-        Err(error) => return say(args.json, Exit::Failed, &error),
+        // A disk that refused the log refuses the summary, too: then what was lost is told here at least.
+        Err(error) if args.json => {
+            output::json(&json!({ "error": error, "run": extra }));
+            return Exit::Failed;
+        }
+        Err(error) => {
+            output::note(error);
+            failures.iter().for_each(|failure| output::note(format!("NOT AS PLANNED: {failure}")));
+            return Exit::Failed;
+        }
     };
     if args.json {
         output::json(&summary);

@@ -114,6 +114,22 @@ impl Vehicle {
         tyres: [Tyre; WHEELS],
         step_s: f64,
     ) -> Result<Self, Vec<Broken>> {
+        let mut vehicle = Self::unsettled(car, kinematics, tyres, step_s)?;
+        vehicle.reset(0.0, &VehicleInput::default());
+        Ok(vehicle)
+    }
+
+    /// As [`Self::new`], but not in equilibrium, which takes thousands of steps to find: for a state that is there
+    /// already, by [`Self::load_state`], before the first step.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn unsettled(
+        car: &Car,
+        kinematics: [AxleKinematics; 2],
+        tyres: [Tyre; WHEELS],
+        step_s: f64,
+    ) -> Result<Self, Vec<Broken>> {
         let mut broken = car.broken();
         let mut fault = |key: &str, rule: String| broken.push(Broken { key: key.to_owned(), rule });
         if !(step_s > 0.0 && step_s <= 0.01) {
@@ -177,7 +193,7 @@ impl Vehicle {
                 centre.x = 0.0;
             }
         }
-        let mut vehicle = Self {
+        Ok(Self {
             step_s,
             sub_steps: car.numerics.sub_steps,
             sub_step_s,
@@ -210,9 +226,7 @@ impl Vehicle {
             imports: Imports::default(),
             equations: None,
             output: VehicleOutput::default(),
-        };
-        vehicle.reset(0.0, &VehicleInput::default());
-        Ok(vehicle)
+        })
     }
 
     /// The time one step advances. [s]

@@ -6,6 +6,7 @@
 //! starts only when asked; nothing that it applies is not finite. And what each fault should have caused, which
 //! a host that stalled can have prevented: then the fault says nothing, and is made again.
 
+use super::judge_can::Bus;
 use super::round::{DENSE, Made, Round};
 use super::schedule::fault_ticks;
 use config::ResolvedBench;
@@ -226,6 +227,7 @@ pub fn judge(
         flags: phases.iter().map(|p| p.flags).collect(),
     };
     let jumps = Jumps::of(log, period_s)?;
+    let bus = Bus::of(log);
     let mut whole = round.faults.clone();
     let missing = missing_in_log(round, log);
     let origins: BTreeSet<u64> = log.files.iter().filter_map(|f| f.wall_start_ns).collect();
@@ -283,7 +285,7 @@ pub fn judge(
         } else {
             window.iter().position(|p| p.tick + 1 >= made.tick && p.stale > 0)
         };
-        if let Some(first) = first_stale.filter(|_| !matches!(target, Target::Logger | Target::Supervisor)) {
+        if let Some(first) = first_stale.filter(|_| !matches!(target, Target::Logger | Target::Supervisor | Target::Can)) {
             let closed = window[first..].iter().find(|p| p.stale == 0 && p.tick > made.tick);
             j.loop_closed_ms = closed.map(|p| phase_ms(p.tick) - at_ms);
         }
@@ -294,7 +296,7 @@ pub fn judge(
             Target::Vehicle => caught_up(&vehicle),
             Target::Multibody => caught_up(&multibody),
             Target::Rig => rig.gaps(from, over),
-            Target::Logger | Target::Supervisor => 0,
+            Target::Logger | Target::Supervisor | Target::Can => 0,
         };
 
         // Hard rules.
@@ -318,6 +320,9 @@ pub fn judge(
         // What the fault should have caused.
         let mut unmet = Vec::new();
         expect(made, &j, window, period_s, limit, &vehicle, &multibody, from, over, &mut unmet);
+        if let FaultKind::Can { effect, ticks, .. } = kind {
+            unmet.extend(bus.unmet(made, *effect, u64::from(*ticks), over));
+        }
         let meant = |t: Target| t == target;
         let others = [
             if meant(Target::Rig) { 0 } else { rig.gaps(from, over) },
@@ -428,7 +433,9 @@ fn expect(
         FaultKind::Stop { .. } | FaultKind::Stall { .. } | FaultKind::DiskFull { .. } => {
             require(!disturbed_running, "the rig did not just run on");
         }
-        FaultKind::ClockStep { .. } => require(!disturbed_running, "the rig did not just run on"),
+        FaultKind::ClockStep { .. } | FaultKind::Can { .. } => {
+            require(!disturbed_running, "the rig did not just run on");
+        }
         FaultKind::Late { .. } | FaultKind::Corrupt { .. } => {
             let safe = held || tripped.is_some();
             let counted = late(1) || tripped.is_some();
@@ -446,7 +453,7 @@ fn expect(
             let code = tripped.map_or(0, |p| p.trip_code);
             require(allowed.contains(&code), &format!("no trip by a sensor's code (code {code})"));
         }
-        FaultKind::Can { .. } | FaultKind::TornWrite { .. } => {}
+        FaultKind::TornWrite { .. } => {}
     }
 }
 

@@ -39,7 +39,7 @@ pub fn plan(injections: &[Injection], resolved: &ResolvedBench) -> (Vec<PlannedF
                 FaultKind::Stop { .. } => Some(Action::Stop { away_ticks: ticks }),
                 FaultKind::TornWrite { .. } => Some(Action::TornWrite { away_ticks: ticks }),
                 FaultKind::Late { .. } => Some(Action::Late { ticks }),
-                FaultKind::Can { .. } => None,
+                FaultKind::Can { .. } => injection.can.map(|(value, _)| Action::Can { ticks, value }),
                 _ => order(injection, period_s, timing.output_phase)
                     .map(|(kind, ticks, value)| Action::Order { kind, ticks, value }),
             };

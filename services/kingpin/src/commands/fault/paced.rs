@@ -179,6 +179,7 @@ fn region_of(target: Target) -> RegionId {
         Target::Multibody => RegionId::SuspensionState,
         Target::Logger => RegionId::LoggerStatus,
         Target::Supervisor => RegionId::Bench,
+        Target::Can => RegionId::Can,
     }
 }
 
@@ -189,6 +190,7 @@ fn number_of(target: Target) -> u64 {
         Target::Vehicle => 1,
         Target::Multibody => 2,
         Target::Logger => 3,
+        Target::Can => can_service::TARGET,
     }
 }
 
@@ -210,6 +212,16 @@ impl Victim<'_> {
         table::is_alive(writer).then_some(writer.pid)
     }
 
+    /// All processes of this bench.
+    fn everybody(&self) -> Vec<Target> {
+        let mut all =
+            vec![Target::Rig, Target::Vehicle, Target::Multibody, Target::Logger, Target::Supervisor];
+        if self.resolved.can.is_some() {
+            all.push(Target::Can);
+        }
+        all
+    }
+
     fn epoch(&self, target: Target) -> u64 {
         self.table.reader(region_of(target) as usize).header().epoch()
     }
@@ -220,10 +232,10 @@ impl Victim<'_> {
         let settle = (settle_s * SECOND as f64) as Nanos;
         let mut since = clock::now();
         let mut last_tick = 0;
-        let all = [Target::Rig, Target::Vehicle, Target::Multibody, Target::Logger, Target::Supervisor];
+        let everybody = self.everybody();
         loop {
             let now = clock::now();
-            let there = all.iter().all(|&target| self.writer(target).is_some());
+            let there = everybody.iter().all(|&target| self.writer(target).is_some());
             let fine = match self.status() {
                 Some((tick, status)) => {
                     let moves = tick > last_tick || now - since < 20_000_000;
@@ -269,9 +281,7 @@ impl Victim<'_> {
 
     fn make(&mut self, injection: Injection) -> Made {
         let settle_s = injection.settle_s;
-        if matches!(injection.kind, FaultKind::Can { .. })
-            && !self.table.readers().iter().any(|reader| reader.name().starts_with("can"))
-        {
+        if injection.target == Target::Can && self.resolved.can.is_none() {
             return Made::skipped(injection, "this bench has no CAN service");
         }
         if self.wait_running(settle_s).is_none() {
@@ -295,8 +305,7 @@ impl Victim<'_> {
             // Far enough ahead that it is there in time.
             let from = n + 20;
             let number = self.orders.as_ref().map_or(0, RegionWriter::head);
-            let target = if kind == fault_kind::CAN { 4 } else { number_of(target) };
-            let order = Fault { tick: number, target, kind, from_tick: from, end_tick: from + ticks, value };
+            let order = Fault { tick: number, target: number_of(target), kind, from_tick: from, end_tick: from + ticks, value };
             if let Some(orders) = &mut self.orders {
                 let _ = orders.write(number, order.words());
             }
@@ -335,7 +344,9 @@ impl Victim<'_> {
             made.back_ns = self.wait_back(target, epoch);
         }
         if !kills || made.back_ns.is_some() {
-            made.running_tick = self.wait_running(0.02);
+            // What the ECU saw of it comes back with its diagnosis, a message of 100 ms.
+            let settle_s = if matches!(made.injection.kind, FaultKind::Can { .. }) { 0.3 } else { 0.02 };
+            made.running_tick = self.wait_running(settle_s);
         }
         made
     }
@@ -388,7 +399,7 @@ impl Victim<'_> {
     /// Ends the run and says what it left that it should not have.
     fn end(mut self) -> Vec<String> {
         let mut faults = Vec::new();
-        for target in [Target::Rig, Target::Vehicle, Target::Multibody, Target::Logger, Target::Supervisor] {
+        for target in self.everybody() {
             self.writer(target);
         }
         // A region that somebody writes is not removed.

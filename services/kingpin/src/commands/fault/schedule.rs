@@ -1,5 +1,7 @@
 //! What is done to whom, in which order and when: a function of the campaign and its seed alone.
 
+use assembly::{AssemblyError, CanMessage, can_order};
+use config::ResolvedBench;
 use config::campaign::{Campaign, Content, FaultKind, SensorChannel, SensorEffect, Target};
 use regions::fault_kind;
 
@@ -47,6 +49,21 @@ pub struct Injection {
     pub seed: u64,
     /// How often it was made already without saying anything, because the host stalled.
     pub tries: u32,
+    /// Of a CAN fault what is ordered and the message meant, once it is known which scenario it is for.
+    pub can: Option<([f64; 4], CanMessage)>,
+}
+
+/// Finds the messages of the CAN faults in the scenario's mapping.
+///
+/// # Errors
+/// A message that is not in the mapping, or lacks what is to be wrong with it.
+pub fn bind(all: &mut [Injection], resolved: &ResolvedBench) -> Result<(), AssemblyError> {
+    for injection in all {
+        if let Some(fault) = injection.kind.can_fault() {
+            injection.can = can_order(resolved, &fault)?;
+        }
+    }
+    Ok(())
 }
 
 /// All faults of a campaign in the order in which they are made.
@@ -66,6 +83,7 @@ pub fn schedule(campaign: &Campaign) -> Vec<Injection> {
                 phase: 0.0,
                 seed: 0,
                 tries: 0,
+                can: None,
             });
         }
     }
@@ -109,7 +127,7 @@ pub fn order(injection: &Injection, period_s: f64, output_phase: f64) -> Option<
             };
             (fault_kind::SENSOR, u64::from(*ticks), [f64::from(number_of(*channel)), effect, *offset, 0.0])
         }
-        FaultKind::Can { ticks, value, .. } => (fault_kind::CAN, u64::from(*ticks), *value),
+        FaultKind::Can { ticks, .. } => (fault_kind::CAN, u64::from(*ticks), injection.can?.0),
         FaultKind::Kill { .. } | FaultKind::Stop { .. } | FaultKind::DiskFull { .. } => return None,
     })
 }

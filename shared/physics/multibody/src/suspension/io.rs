@@ -37,9 +37,11 @@ impl SuspensionInput {
     };
 
     /// Numbers in [`Self::to_array`].
-    pub(crate) const LEN: usize = 18;
+    pub const LEN: usize = 18;
 
-    pub(crate) fn to_array(self) -> [f64; Self::LEN] {
+    /// As plain numbers, for checkpoints.
+    #[must_use]
+    pub fn to_array(self) -> [f64; Self::LEN] {
         let mut x = [0.0; Self::LEN];
         x[0] = self.rack_m;
         x[1] = self.rack_speed_m_s;
@@ -52,7 +54,12 @@ impl SuspensionInput {
         x
     }
 
-    pub(crate) fn from_array(x: &[f64]) -> Self {
+    /// From [`Self::to_array`].
+    ///
+    /// # Panics
+    /// If there are fewer than [`Self::LEN`] numbers.
+    #[must_use]
+    pub fn from_array(x: &[f64]) -> Self {
         let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
         Self {
             rack_m: x[0],
