@@ -92,6 +92,20 @@ pub enum Content {
     Random,
 }
 
+/// Where in a region's memory somebody writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Place {
+    /// The words of the newest tick.
+    Payload,
+    /// The stamp of the newest tick.
+    Stamp,
+    /// The count of published ticks.
+    Head,
+    /// Magic, version, layout, run, period and start.
+    Header,
+}
+
 /// What a broken sensor says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -214,6 +228,20 @@ pub enum FaultKind {
         /// What it holds.
         content: Content,
     },
+    /// Another program writes random words into the memory of the region that the service publishes. Real time only.
+    Scribble {
+        /// How often. [1, 10000]
+        #[schemars(range(min = 1, max = 10_000))]
+        count: u32,
+        /// Whose region: rig (its measurement), vehicle or multibody.
+        #[schemars(length(min = 1, max = 3))]
+        targets: Vec<Target>,
+        /// Where.
+        place: Place,
+        /// Ticks in a row, each once. [1, 1000]
+        #[schemars(range(min = 1, max = 1000))]
+        ticks: u32,
+    },
     /// The logger's disk takes nothing more. Real time only.
     DiskFull {
         /// How often. [1, 10000]
@@ -278,6 +306,7 @@ impl FaultKind {
             | FaultKind::Late { count, .. }
             | FaultKind::TornWrite { count, .. }
             | FaultKind::Corrupt { count, .. }
+            | FaultKind::Scribble { count, .. }
             | FaultKind::DiskFull { count, .. }
             | FaultKind::ClockStep { count, .. }
             | FaultKind::Sensor { count, .. }
@@ -294,6 +323,7 @@ impl FaultKind {
             FaultKind::Late { .. } => "late",
             FaultKind::TornWrite { .. } => "torn_write",
             FaultKind::Corrupt { .. } => "corrupt",
+            FaultKind::Scribble { .. } => "scribble",
             FaultKind::DiskFull { .. } => "disk_full",
             FaultKind::ClockStep { .. } => "clock_step",
             FaultKind::Sensor { .. } => "sensor",
@@ -310,6 +340,7 @@ impl FaultKind {
             | FaultKind::Late { targets, .. }
             | FaultKind::TornWrite { targets, .. }
             | FaultKind::Corrupt { targets, .. }
+            | FaultKind::Scribble { targets, .. }
             | FaultKind::ClockStep { targets, .. } => targets,
             FaultKind::DiskFull { .. } => &[Target::Logger],
             FaultKind::Sensor { .. } => &[Target::Rig],
@@ -367,7 +398,7 @@ impl Check for Campaign {
                     c.require(!twice, &format!("targets[{k}]"), "must not be named twice");
                 }
                 match kind {
-                    FaultKind::Stall { .. } | FaultKind::DiskFull { .. } => {
+                    FaultKind::Stall { .. } | FaultKind::DiskFull { .. } | FaultKind::Scribble { .. } => {
                         c.require(!lockstep, "type", "needs drive = \"paced\"");
                     }
                     FaultKind::ClockStep { step_s, .. } => {

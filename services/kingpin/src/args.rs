@@ -173,6 +173,8 @@ observer of its own who reads the table:
                      over, nothing else happens. Logger: no tick is missing in the log.
   stop, stall, late  as kill, if longer than the limit; else nothing but counts; every missed tick is stepped
   corrupt            no nonsense is used: refused, held, and stale when it lasts
+  scribble           another program writes into the table's memory: who has a region open goes on, a spoilt tick is
+                     missing, a spoilt head is put right by the next write, a header by the supervisor
   sensor             trips with a sensor's code, or is within tolerance (said); runs again when acknowledged
   disk_full          the loop runs on; what is lost is counted, what is logged is readable
   clock_step         nothing: time is monotonic; all files of the log keep one clock origin

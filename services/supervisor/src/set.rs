@@ -10,7 +10,7 @@ use runtime::clock::{self, Grid, Nanos, SECOND};
 use runtime::realtime::{self, Wish};
 use runtime::region_specs;
 use std::sync::atomic::{AtomicBool, Ordering};
-use table::{BenchLock, CreateOptions, RegionWriter, Table, TableInfo};
+use table::{BenchLock, CreateOptions, RegionSpec, RegionWriter, Table, TableInfo};
 
 /// Longest wait for the services to get ready. [ns]
 const READY_MAX_NS: Nanos = 60 * SECOND;
@@ -87,8 +87,10 @@ pub(crate) fn run(
     let mut operator = Operator::new(plan, period_s, run.rearm);
     let mut watchers = Watchers::new(&table);
     let begin = clock::now();
+    let headers = Headers { table: &table, specs: &specs };
+    let rearm = run.rearm;
     let mut supervision =
-        Supervision { operator: &mut operator, bench: &mut bench, rearm: run.rearm, observer, interrupt };
+        Supervision { operator: &mut operator, bench: &mut bench, headers, rearm, observer, interrupt };
     let (interrupted, given_up) = match drive {
         Drive::Paced => {
             let mut note = |line: &str| supervision.observer.note(line);
@@ -97,7 +99,8 @@ pub(crate) fn run(
             supervision.publish(0, children, &watchers, &desk);
             let t0 = clock::now() + START_IN_NS;
             table.set_t0(t0).map_err(RunError::Table)?;
-            supervision.paced(children, &mut watchers, Grid { t0, period: period_ns }, &mut desk)
+            let grid = Grid { t0, period: period_ns };
+            supervision.paced(children, &mut watchers, grid, manifest.run_id, &mut desk)
         }
         Drive::Lockstep => {
             let schedule = params::Schedule::new(&run.resolved).map_err(RunError::Parameters)?;
@@ -210,12 +213,15 @@ pub(crate) fn attach(
     let mut watchers = Watchers::new(&table);
     let begin = clock::now();
     let rearm = attach.rearm;
+    let specs = region_specs(period_s);
+    let headers = Headers { table: &table, specs: &specs };
     let mut supervision =
-        Supervision { operator: &mut operator, bench: &mut bench, rearm, observer, interrupt };
+        Supervision { operator: &mut operator, bench: &mut bench, headers, rearm, observer, interrupt };
     operator_link::remove_left_over(&lock);
     let mut note = |line: &str| supervision.observer.note(line);
     let mut desk = Desk::new(&table, &attach.bench, &manifest.resolved, operated, &mut note)?;
-    let (interrupted, given_up) = supervision.paced(children, &mut watchers, grid, &mut desk);
+    let (interrupted, given_up) =
+        supervision.paced(children, &mut watchers, grid, manifest.run_id, &mut desk);
     let outcome = end(children, &mut watchers, observer, period_s, (interrupted, given_up, begin));
     Ok((run, outcome))
 }
@@ -291,9 +297,26 @@ fn wait_until_ready(
     }
 }
 
+/// The headers of the table, which only the supervisor may write.
+struct Headers<'a> {
+    table: &'a Table,
+    specs: &'a [RegionSpec],
+}
+
+impl Headers<'_> {
+    /// Puts right what somebody has spoilt; says which.
+    fn look(&self, run_id: u64, grid: Grid, observer: &mut dyn Observer) {
+        let info = TableInfo { run_id, period_ns: grid.period, t0_ns: grid.t0 };
+        for region in self.table.repair(self.specs, &info).unwrap_or_default() {
+            observer.note(&format!("the header of region {region} was spoilt from outside and is put right"));
+        }
+    }
+}
+
 struct Supervision<'a> {
     operator: &'a mut Operator,
     bench: &'a mut RegionWriter,
+    headers: Headers<'a>,
     rearm: bool,
     observer: &'a mut dyn Observer,
     interrupt: &'a AtomicBool,
@@ -331,6 +354,7 @@ impl Supervision<'_> {
         children: &mut Children,
         watchers: &mut Watchers,
         grid: Grid,
+        run_id: u64,
         desk: &mut Desk,
     ) -> (bool, Option<String>) {
         let (mut interrupted, mut given_up) = (false, None);
@@ -350,6 +374,7 @@ impl Supervision<'_> {
                 }
             }
             watchers.look();
+            self.headers.look(run_id, grid, self.observer);
             if self.interrupt.load(Ordering::Relaxed) && !interrupted {
                 interrupted = true;
                 self.operator.plan.stop_at(n);

@@ -197,13 +197,16 @@ impl RegionReader {
 pub struct RegionWriter {
     region: RegionReader,
     epoch: u64,
+    /// First tick that may be written, by this writer's own count: the shared head is for readers.
+    next: u64,
     _lock: Option<LockFile>,
 }
 
 impl RegionWriter {
     fn new(region: RegionReader, lock: Option<LockFile>) -> Self {
+        let next = region.memory.ring().sound_head();
         let epoch = region.header().claim(this_process());
-        RegionWriter { region, epoch, _lock: lock }
+        RegionWriter { region, epoch, next, _lock: lock }
     }
 
     /// How often the region has been claimed, this claim included: 1 for the first writer.
@@ -219,7 +222,7 @@ impl RegionWriter {
     /// First tick that may be written: newest published + 1.
     #[inline]
     pub fn head(&self) -> u64 {
-        self.region.head()
+        self.next
     }
 
     /// Stores `payload` (exactly the region's words) as tick `n`, without ringing. Never waits.
@@ -229,7 +232,9 @@ impl RegionWriter {
     #[inline]
     pub fn write(&mut self, n: u64, payload: &[u64]) -> Result<(), Refused> {
         assert_eq!(payload.len(), self.region.words(), "payload of {}", self.region.name());
-        self.region.memory.ring().write(n, payload)
+        self.region.memory.ring().write_from(self.next, n, payload)?;
+        self.next = n + 1;
+        Ok(())
     }
 
     /// Wakes everybody who waits for this region. One system call.

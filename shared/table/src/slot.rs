@@ -143,7 +143,17 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
     /// [`Refused`] if tick `n` or a later one is published already.
     #[inline]
     pub fn write(&self, n: u64, payload: &[u64]) -> Result<(), Refused> {
-        self.fill(n, payload)?;
+        self.write_from(self.memory[0].load_own(), n, payload)
+    }
+
+    /// As [`Ring::write`], by the writer's own word on the first tick that may be written: a head that somebody else has
+    /// spoilt is put right by this.
+    ///
+    /// # Errors
+    /// [`Refused`] if `n` is below `next`.
+    #[inline]
+    pub fn write_from(&self, next: u64, n: u64, payload: &[u64]) -> Result<(), Refused> {
+        self.fill(next, n, payload)?;
         let (stamp, _) = self.slot(n);
         stamp.store(2 * n + 2, Ordering::Relaxed);
         // Publishes the stamp and the words.
@@ -153,11 +163,10 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
     }
 
     /// The first half of a write: the busy stamp and the words, as many as `payload` has.
-    fn fill(&self, n: u64, payload: &[u64]) -> Result<(), Refused> {
+    fn fill(&self, next: u64, n: u64, payload: &[u64]) -> Result<(), Refused> {
         debug_assert!(n < 1 << 62);
-        let head = self.memory[0].load_own();
-        if n < head {
-            return Err(Refused { tick: n, head });
+        if n < next {
+            return Err(Refused { tick: n, head: next });
         }
         let (stamp, words) = self.slot(n);
         assert!(payload.len() <= words.len(), "payload of {} words, slot of {}", payload.len(), words.len());
@@ -178,7 +187,7 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
     /// As [`Ring::write`].
     #[doc(hidden)]
     pub fn write_interrupted(&self, n: u64, payload: &[u64]) -> Result<(), Refused> {
-        self.fill(n, payload)
+        self.fill(self.memory[0].load_own(), n, payload)
     }
 
     /// Leaves tick `n` as a writer killed just before publishing leaves it: done, but above the head. For tests.
@@ -187,7 +196,7 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
     /// As [`Ring::write`].
     #[doc(hidden)]
     pub fn write_unpublished(&self, n: u64, payload: &[u64]) -> Result<(), Refused> {
-        self.fill(n, payload)?;
+        self.fill(self.memory[0].load_own(), n, payload)?;
         self.slot(n).0.store(2 * n + 2, Ordering::Relaxed);
         Ok(())
     }
@@ -202,6 +211,20 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
         head
     }
 
+    /// The head as the slots bear it out, for who takes the ring over: a head whose tick is not there was spoilt; then the
+    /// newest tick that is.
+    pub fn sound_head(&self) -> u64 {
+        let head = self.head();
+        let stamp = |n: u64| self.slot(n).0.load(Ordering::Relaxed);
+        if head == 0 || stamp(head - 1) == head.wrapping_mul(2) {
+            return head;
+        }
+        let done = (0..=self.mask).map(stamp).filter(|stamp| stamp % 2 == 0);
+        // A stamp in a slot that is not its tick's is spoilt, too.
+        let sound = done.filter(|stamp| *stamp > 0 && self.slot(stamp / 2 - 1).0.load(Ordering::Relaxed) == *stamp);
+        sound.max().unwrap_or(0) / 2
+    }
+
     /// One bounded attempt to read tick `n` into `out`, which has exactly the region's words.
     #[inline]
     pub fn read(&self, n: u64, out: &mut [u64]) -> Read {
@@ -209,16 +232,18 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
         if G::GATE && n >= head {
             return Read::NotYet; // the gate: no ABA across epochs
         }
-        if n + self.mask + 1 < head {
+        // No sum that a spoilt head could make overflow.
+        if head.saturating_sub(n) > self.mask + 1 {
             return Read::Overwritten;
         }
         let (stamp, words) = self.slot(n);
         assert_eq!(out.len(), words.len(), "output of a read");
         let before = stamp.load(Ordering::Relaxed);
-        if before > 2 * n + 2 {
+        let done = n.wrapping_mul(2).wrapping_add(2);
+        if before > done {
             return Read::Overwritten;
         }
-        if before < 2 * n + 2 {
+        if before < done {
             return Read::Missing; // skipped, or its writer died in it
         }
         for (out, word) in out.iter_mut().zip(words) {
@@ -247,6 +272,26 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_spoilt_head_or_stamp_is_not_believed_by_a_successor_and_put_right_by_the_writer() {
+        let memory = memory(2, 4);
+        let ring: Ring<'_> = Ring::new(&memory, 2, 4);
+        assert_eq!(ring.sound_head(), 0);
+        (0..7).for_each(|n| ring.write(n, &[n, n]).unwrap());
+        assert_eq!(ring.sound_head(), 7);
+        for spoilt in [3, 8, 1 << 40, u64::MAX] {
+            memory[0].store(spoilt, Ordering::Relaxed);
+            assert_eq!(ring.sound_head(), 7, "head {spoilt}");
+        }
+        ring.write_from(7, 7, &[7, 7]).unwrap();
+        assert_eq!((ring.head(), ring.read(7, &mut [0; 2])), (8, Read::Ready));
+        assert!(ring.write_from(8, 7, &[7, 7]).is_err());
+        // The newest tick's stamp spoilt, the head with it: the one before is the newest that is there.
+        memory[1 + 3 * 3].store(1 << 50, Ordering::Relaxed);
+        memory[0].store(1 << 50, Ordering::Relaxed);
+        assert_eq!(ring.sound_head(), 7);
+    }
 
     fn memory(words: usize, depth: usize) -> Vec<AtomicU64> {
         (0..ring_words(words, depth)).map(|_| AtomicU64::new(0)).collect()

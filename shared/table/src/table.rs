@@ -2,6 +2,7 @@
 
 use crate::TableError;
 use crate::bench::{Bench, BenchLock};
+use crate::header::MAGIC;
 use crate::region::{RegionReader, RegionWriter};
 use crate::segment::{Mode, Segment, list_bench, segment_name};
 use crate::spec::{RegionSpec, TableInfo};
@@ -169,6 +170,30 @@ impl Table {
             region.set_t0_ns(t0_ns);
         }
         Ok(())
+    }
+}
+
+impl Table {
+    /// Puts right what somebody has spoilt in the headers: everything that stands there from the start. Returns the
+    /// regions that were. Those who have them open never look there again; whoever opens them later would be refused.
+    /// `specs` and `info`: what the table was made with, `t0_ns` included. For the process that made or adopted it.
+    ///
+    /// # Errors
+    /// [`TableError::NotOwner`].
+    pub fn repair(&self, specs: &[RegionSpec], info: &TableInfo) -> Result<Vec<String>, TableError> {
+        if !self.owner {
+            return Err(TableError::NotOwner);
+        }
+        let mut repaired = Vec::new();
+        for (region, spec) in self.regions.iter().zip(specs) {
+            let header = region.header();
+            if header.magic() != MAGIC || header.layout() != spec.layout() || header.info() != *info {
+                header.fill(spec, info);
+                header.finish();
+                repaired.push(region.name().to_owned());
+            }
+        }
+        Ok(repaired)
     }
 }
 

@@ -51,6 +51,77 @@ fn another_layout_is_refused_naming_both() {
     assert_eq!(RegionReader::open_any(&bench.bench, "state").unwrap().layout(), SPEC.layout());
 }
 
+/// Somebody writes into the segment's file: header, geometry, head, stamp. Who has it open is neither crashed nor hung
+/// nor led to wrong words; whoever comes later is refused until the supervisor has put the header right.
+#[test]
+fn memory_spoilt_from_outside_harms_nobody_who_is_there_and_is_put_right() {
+    let bench = TestBench::new();
+    let table = make(&bench, &[SPEC]);
+    let info = TableInfo { t0_ns: 7, ..INFO };
+    table.set_t0(7).unwrap();
+    let reader = open(&bench, SPEC).unwrap().reader(0).clone();
+    let mut writer = table.claim_writer(0).unwrap();
+    let payload = |n: u64| [n; 8];
+    (0..5).for_each(|n| writer.write(n, &payload(n)).unwrap());
+    let file = fs::OpenOptions::new().write(true).open(bench.path("state")).unwrap();
+    let spoil = |word: u64, value: u64| file.write_all_at(&value.to_ne_bytes(), 8 * word).unwrap();
+    let mut out = [0; 8];
+
+    // Magic, version, hash, words, depth, run, period, start of tick 0.
+    for (word, n) in [0, 1, 2, 3, 4, 5, 6, 8].into_iter().zip(5..) {
+        for value in [0, u64::MAX, 0x1234_5678_9abc_def0] {
+            spoil(word, value);
+            assert_eq!(reader.read(n - 1, &mut out), Read::Ready, "word {word}");
+            assert_eq!(out, payload(n - 1));
+            if word < 5 {
+                let error = open(&bench, SPEC).unwrap_err();
+                let named = matches!(
+                    error,
+                    TableError::LayoutMismatch { .. }
+                        | TableError::NotATable { .. }
+                        | TableError::NotReady { .. }
+                );
+                assert!(named, "word {word}: {error:?}");
+            }
+            assert_eq!(table.repair(&[SPEC], &info).unwrap(), ["state"], "word {word}");
+            assert!(table.repair(&[SPEC], &info).unwrap().is_empty());
+            assert_eq!(open(&bench, SPEC).unwrap().info(), Some(info));
+        }
+        writer.write(n, &payload(n)).unwrap();
+    }
+    // Nobody but the owner puts it right.
+    assert!(matches!(open(&bench, SPEC).unwrap().repair(&[SPEC], &info), Err(TableError::NotOwner)));
+
+    // The head: no tick is read wrongly meanwhile, and the next write puts it right.
+    let head = table::HEADER_WORDS as u64;
+    for (n, value) in (13..).zip([0, 3, 40, 1 << 40, u64::MAX]) {
+        spoil(head, value);
+        for tick in 0..60 {
+            if reader.read(tick, &mut out) == Read::Ready {
+                assert_eq!(out, payload(tick), "head {value}");
+            }
+        }
+        if let Some(latest) = reader.latest(n, &mut out) {
+            assert_eq!(out, payload(latest.tick), "head {value}");
+        }
+        writer.write(n, &payload(n)).unwrap();
+        assert_eq!((reader.head(), reader.read(n, &mut out)), (n + 1, Read::Ready));
+    }
+    // A successor does not believe it either.
+    spoil(head, 1 << 50);
+    drop(writer);
+    let mut writer = table.claim_writer(0).unwrap();
+    assert_eq!(writer.head(), 18);
+    writer.write(18, &payload(18)).unwrap();
+
+    // The stamp of the newest slot: that tick is gone, no other.
+    spoil(head + 1 + (18 % 8) * 9, 0x1234_5678_9abc_def0);
+    assert_eq!(reader.read(18, &mut out), Read::Overwritten);
+    assert_eq!(reader.read(17, &mut out), Read::Ready);
+    writer.write(19, &payload(19)).unwrap();
+    assert_eq!(reader.latest(19, &mut out).map(|l| l.tick), Some(19));
+}
+
 #[test]
 fn left_overs_of_every_kind() {
     let bench = TestBench::new();

@@ -10,7 +10,7 @@ use super::judge_can::Bus;
 use super::round::{DENSE, Made, Round};
 use super::schedule::fault_ticks;
 use config::ResolvedBench;
-use config::campaign::{CampaignDrive, Content, FaultKind, SensorEffect, Target};
+use config::campaign::{CampaignDrive, Content, FaultKind, Place, SensorEffect, Target};
 use record::LogReader;
 use regions::{RigStatus, model_flags, rig_flags};
 use serde::Serialize;
@@ -289,7 +289,7 @@ pub fn judge(
             let closed = window[first..].iter().find(|p| p.stale == 0 && p.tick > made.tick);
             j.loop_closed_ms = closed.map(|p| phase_ms(p.tick) - at_ms);
         }
-        j.jump_m = jumps.largest(from, over);
+        j.jump_m = jumps.largest(from, over, &made.scribbled);
         let caught_up =
             |flags: &Flags<'_>| flags.count(from, over, model_flags::CAUGHT_UP) + flags.gaps(from, over);
         j.missed_ticks = match target {
@@ -401,8 +401,9 @@ fn expect(
         // A rig that was away for longer than its stall limit trips, as it should; and random bits may make a number
         // that is plausible, but a step.
         let stalled = target == Target::Rig && code == 5;
-        let step =
-            matches!(kind, FaultKind::Corrupt { content: Content::Random, .. }) && (20..=21).contains(&code);
+        let random =
+            matches!(kind, FaultKind::Corrupt { content: Content::Random, .. } | FaultKind::Scribble { .. });
+        let step = random && (20..=21).contains(&code);
         require(tripped.is_none() || stalled || step, &format!("the rig tripped (code {code})"));
     }
     match kind {
@@ -445,6 +446,14 @@ fn expect(
             require(safe || ticks < limit + 1, "the rig did not hold");
             require(!safe || ticks >= limit, "the rig held before the limit");
         }
+        FaultKind::Scribble { place: Place::Header, .. } => {
+            require(!disturbed_running, "the rig did not just run on");
+            require(made.put_right, "the supervisor did not put the header right");
+        }
+        // Whoever had read the tick already did not notice.
+        FaultKind::Scribble { .. } => {
+            require(!held || ticks >= limit, "the rig held before the limit");
+        }
         FaultKind::Sensor { effect, .. } => {
             let allowed = match effect {
                 SensorEffect::Invalid => 30..=33,
@@ -464,7 +473,9 @@ fn missing_in_log(round: &Round, log: &LogReader) -> Vec<(&'static str, u64)> {
     for (id, ticks) in DENSE.iter().zip(&seen.ticks) {
         let name = id.region().name;
         let logged = log.region(name).map(|r| r.ticks.as_slice()).unwrap_or_default();
-        missing.extend(ticks.iter().filter(|t| logged.binary_search(t).is_err()).map(|&t| (name, t)));
+        let scribbled = |tick: &u64| round.made.iter().any(|made| made.scribbled.contains(tick));
+        let lacks = ticks.iter().filter(|t| logged.binary_search(t).is_err() && !scribbled(t));
+        missing.extend(lacks.map(|&t| (name, t)));
     }
     missing
 }
@@ -498,8 +509,10 @@ impl Jumps {
         Ok(Jumps(steps.collect()))
     }
 
-    fn largest(&self, from: u64, to: u64) -> Option<f64> {
+    /// Between two ticks, but for steps to and from the `spoilt` ones.
+    fn largest(&self, from: u64, to: u64, spoilt: &[u64]) -> Option<f64> {
         let range = self.0.partition_point(|s| s.0 < from)..self.0.partition_point(|s| s.0 < to);
-        self.0[range].iter().map(|s| s.1).reduce(f64::max)
+        let sound = |tick: u64| !spoilt.contains(&tick) && !spoilt.contains(&(tick.wrapping_sub(1)));
+        self.0[range].iter().filter(|s| sound(s.0)).map(|s| s.1).reduce(f64::max)
     }
 }

@@ -5,15 +5,16 @@
 //! reads the table all the while, so that the log can be compared with what was really published.
 
 use super::round::{DENSE, Made, Round, Seen};
-use super::schedule::{Injection, fault_ticks, order};
+use super::schedule::{Injection, Random, fault_ticks, order};
 use config::ResolvedBench;
-use config::campaign::{Campaign, FaultKind, Target};
+use config::campaign::{Campaign, FaultKind, Place, Target};
 use regions::{Fault, Payload, RegionId, RigStatus, fault_kind};
 use runtime::clock::{self, Grid, Nanos, SECOND};
 use runtime::realtime::{self, Wish};
 use runtime::region_specs;
 use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
 use std::collections::BTreeSet;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -98,6 +99,11 @@ fn observe(readers: &[table::RegionReader; DENSE.len()], done: &AtomicBool) -> S
         for (i, reader) in readers.iter().enumerate() {
             let mut words = vec![0; reader.words()];
             let head = reader.head();
+            let newest = head.checked_sub(1).map(|newest| reader.read(newest, &mut words));
+            if newest.is_some_and(|read| read != Read::Ready) {
+                // Spoilt by this campaign, until the next write.
+                continue;
+            }
             let kept = head.saturating_sub(reader.depth() as u64);
             if next[i] < kept {
                 seen.unseen += kept - next[i];
@@ -332,6 +338,12 @@ impl Victim<'_> {
                         signal(pid, Signal::CONT);
                     }
                 }
+                FaultKind::Scribble { place, ticks, .. } => {
+                    match self.scribble(target, *place, u64::from(*ticks), injection.seed) {
+                        Ok((ticks, put_right)) => (made.scribbled, made.put_right) = (ticks, put_right),
+                        Err(why) => made.skipped = Some(why),
+                    }
+                }
                 FaultKind::DiskFull { .. } => {
                     if let Err(why) = self.fill_disk(duration) {
                         made.skipped = Some(why);
@@ -383,6 +395,69 @@ impl Victim<'_> {
         if let Ok(next) = next {
             self.supervisor = next;
         }
+    }
+
+    /// Writes random words into a region as any program of the same user can: through its file. Returns the ticks that
+    /// were hit and whether a header was put right in time.
+    fn scribble(
+        &self,
+        target: Target,
+        place: Place,
+        ticks: u64,
+        seed: u64,
+    ) -> Result<(Vec<u64>, bool), String> {
+        let id = if target == Target::Rig { RegionId::RigMeasurement } else { region_of(target) };
+        let reader = self.table.reader(id as usize);
+        let path = Path::new("/dev/shm").join(reader.segment_name().unwrap_or_default());
+        let file = std::fs::OpenOptions::new().write(true).open(&path);
+        let file = file.map_err(|e| format!("{}: {e}", path.display()))?;
+        let mut random = Random::new(seed);
+        let mut write = |word: u64, count: u64| -> Result<(), String> {
+            let bytes: Vec<u8> = (0..count).flat_map(|_| random.bits().to_ne_bytes()).collect();
+            file.write_all_at(&bytes, 8 * word).map_err(|e| format!("{}: {e}", path.display()))
+        };
+        if place == Place::Header {
+            let layout = reader.layout();
+            write(0, 9)?;
+            let limit = clock::now() + SECOND;
+            while reader.header().magic() != table::MAGIC || reader.layout() != layout {
+                if clock::now() > limit {
+                    return Ok((Vec::new(), false));
+                }
+                clock::sleep_until(clock::now() + 500_000, 0);
+            }
+            return Ok((Vec::new(), true));
+        }
+        let (head_word, stride) = (table::HEADER_WORDS as u64, 1 + reader.words() as u64);
+        let mut hit = Vec::new();
+        let limit = clock::now() + self.recover_max_ns();
+        let mut tick = reader.head();
+        while (hit.len() as u64) < ticks && clock::now() < limit {
+            let head = reader.head();
+            // Only right behind the publication of a tick.
+            if head != tick + 1 {
+                tick = if head > tick + 1 { head } else { tick };
+                std::hint::spin_loop();
+                continue;
+            }
+            let slot = head_word + 1 + (tick % reader.depth() as u64) * stride;
+            match place {
+                Place::Payload => write(slot + 1, stride - 1)?,
+                Place::Stamp => write(slot, 1)?,
+                Place::Head => write(head_word, 1)?,
+                Place::Header => {}
+            }
+            hit.push(tick);
+            tick += 1;
+            if place == Place::Head {
+                // Until the writer has put it right it says nothing.
+                while reader.head() != tick + 1 && reader.head() != tick + 2 && clock::now() < limit {
+                    std::hint::spin_loop();
+                }
+                tick = reader.head();
+            }
+        }
+        Ok((if place == Place::Head { Vec::new() } else { hit }, true))
     }
 
     /// A limit on the size of the logger's files is a full disk to it.

@@ -20,6 +20,10 @@ pub struct Made {
     pub bare_ns: Option<u64>,
     /// Why it was not made at all.
     pub skipped: Option<String>,
+    /// Ticks into whose memory was written: what the log says of them is not what was published.
+    pub scribbled: Vec<u64>,
+    /// The header that was written into was right again before long.
+    pub put_right: bool,
 }
 
 impl Made {
@@ -33,6 +37,8 @@ impl Made {
             running_tick: None,
             bare_ns: None,
             skipped: Some(why.into()),
+            scribbled: Vec::new(),
+            put_right: true,
         }
     }
 }

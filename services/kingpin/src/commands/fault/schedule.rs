@@ -128,7 +128,10 @@ pub fn order(injection: &Injection, period_s: f64, output_phase: f64) -> Option<
             (fault_kind::SENSOR, u64::from(*ticks), [f64::from(number_of(*channel)), effect, *offset, 0.0])
         }
         FaultKind::Can { ticks, .. } => (fault_kind::CAN, u64::from(*ticks), injection.can?.0),
-        FaultKind::Kill { .. } | FaultKind::Stop { .. } | FaultKind::DiskFull { .. } => return None,
+        FaultKind::Kill { .. }
+        | FaultKind::Stop { .. }
+        | FaultKind::Scribble { .. }
+        | FaultKind::DiskFull { .. } => return None,
     })
 }
 
@@ -149,6 +152,7 @@ pub fn fault_ticks(kind: &FaultKind, period_s: f64) -> u64 {
         | FaultKind::DiskFull { duration_ms, .. } => of_ms(*duration_ms),
         FaultKind::Late { ticks, .. }
         | FaultKind::Corrupt { ticks, .. }
+        | FaultKind::Scribble { ticks, .. }
         | FaultKind::Sensor { ticks, .. }
         | FaultKind::Can { ticks, .. } => u64::from(*ticks),
         FaultKind::ClockStep { .. } => 1,
