@@ -338,7 +338,7 @@ fn on_a_read_only_disk_the_loop_runs_on_and_tells_its_loss() {
     let folder = tempfile::tempdir().unwrap();
     let name = own("t-rom");
     let script = format!(
-        "mkdir $FOLDER/never $FOLDER/run
+        r#"mkdir $FOLDER/never $FOLDER/run
          mount -t tmpfs -o ro none $FOLDER/never
          code=0; $KINGPIN run slalom_120 --duration 5 --name {name} --out $FOLDER/never/run 2>$FOLDER/told || code=$?
          echo $code >>$FOLDER/told
@@ -347,8 +347,8 @@ fn on_a_read_only_disk_the_loop_runs_on_and_tells_its_loss() {
          until grep -q . $FOLDER/run/log.mcap 2>/dev/null; do sleep 0.2; done
          sleep 3
          mount --bind $FOLDER/run $FOLDER/run; mount -o remount,bind,ro $FOLDER/run
-         kill -9 $($KINGPIN table show --json --name {name} logger_status | sed -n 's/.*"writer_pid": *\([0-9]*\).*/\1/p')
-         wait $!"
+         kill -9 $($KINGPIN table show --json --name {name} logger_status | grep -o '"writer_pid": *[0-9]*' | grep -o '[0-9]*')
+         wait $!"#
     );
     let Some(output) = in_namespace(&script, folder.path()) else { return };
     let told = std::fs::read_to_string(folder.path().join("told")).unwrap();

@@ -162,14 +162,7 @@ impl<'a> FaultChain<'a> {
                 }
             };
             let number = self.orders.head();
-            let order = Fault {
-                tick: number,
-                target,
-                kind,
-                from_tick: n,
-                end_tick: n + ticks,
-                value,
-            };
+            let order = Fault { tick: number, target, kind, from_tick: n, end_tick: n + ticks, value };
             // Sole writer, next number: cannot be refused.
             let _ = self.orders.write(number, order.words());
         }

@@ -21,7 +21,9 @@ pub mod trips;
 mod vehicle_node;
 pub mod wheel;
 
-pub use can_node::{CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu};
+pub use can_node::{
+    CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu,
+};
 pub use car::build_car;
 pub use compliance::axle_compliance;
 pub use guard::Guard;

@@ -100,7 +100,9 @@ impl Receiver {
     /// Puts a fault on message `index` from now on, as a fault campaign orders it. What is over is forgotten. Allocates:
     /// not for the tick's path.
     pub fn inject(&mut self, index: usize, now_ns: u64, spell: fault::Spell) {
-        let (Some(spells), Some(state)) = (self.faults.get_mut(index), self.states.get_mut(index)) else { return };
+        let (Some(spells), Some(state)) = (self.faults.get_mut(index), self.states.get_mut(index)) else {
+            return;
+        };
         spells.retain(|spell| spell.end_ns > now_ns);
         spells.push(spell);
         if spell.delay_ns > 0 {

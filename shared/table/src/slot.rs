@@ -221,7 +221,8 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
         }
         let done = (0..=self.mask).map(stamp).filter(|stamp| stamp % 2 == 0);
         // A stamp in a slot that is not its tick's is spoilt, too.
-        let sound = done.filter(|stamp| *stamp > 0 && self.slot(stamp / 2 - 1).0.load(Ordering::Relaxed) == *stamp);
+        let sound =
+            done.filter(|stamp| *stamp > 0 && self.slot(stamp / 2 - 1).0.load(Ordering::Relaxed) == *stamp);
         sound.max().unwrap_or(0) / 2
     }
 

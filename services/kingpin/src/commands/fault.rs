@@ -32,8 +32,16 @@ use table::Bench;
 const TRIES_MAX: u32 = 5;
 
 /// Regions of the log that are read.
-const READ: [&str; 8] =
-    ["can", "bench", "rig_measurement", "vehicle_state", "suspension_state", "rig_status", "faults", "parameters"];
+const READ: [&str; 8] = [
+    "can",
+    "bench",
+    "rig_measurement",
+    "vehicle_state",
+    "suspension_state",
+    "rig_status",
+    "faults",
+    "parameters",
+];
 
 /// What all runs of a campaign gave.
 #[derive(Default)]

@@ -285,7 +285,9 @@ pub fn judge(
         } else {
             window.iter().position(|p| p.tick + 1 >= made.tick && p.stale > 0)
         };
-        if let Some(first) = first_stale.filter(|_| !matches!(target, Target::Logger | Target::Supervisor | Target::Can)) {
+        if let Some(first) =
+            first_stale.filter(|_| !matches!(target, Target::Logger | Target::Supervisor | Target::Can))
+        {
             let closed = window[first..].iter().find(|p| p.stale == 0 && p.tick > made.tick);
             j.loop_closed_ms = closed.map(|p| phase_ms(p.tick) - at_ms);
         }

@@ -311,7 +311,14 @@ impl Victim<'_> {
             // Far enough ahead that it is there in time.
             let from = n + 20;
             let number = self.orders.as_ref().map_or(0, RegionWriter::head);
-            let order = Fault { tick: number, target: number_of(target), kind, from_tick: from, end_tick: from + ticks, value };
+            let order = Fault {
+                tick: number,
+                target: number_of(target),
+                kind,
+                from_tick: from,
+                end_tick: from + ticks,
+                value,
+            };
             if let Some(orders) = &mut self.orders {
                 let _ = orders.write(number, order.words());
             }
