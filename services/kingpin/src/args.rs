@@ -657,6 +657,8 @@ pub enum SuspensionCommand {
     Describe(SuspensionDescribeArgs),
     /// The tie-rod force methods against a reference CSV
     Compare(SuspensionCompareArgs),
+    /// Compliance of an axle with bushings, as a car file has it
+    Compliance(SuspensionComplianceArgs),
 }
 
 /// Arguments of `suspension solve`.
@@ -740,6 +742,21 @@ pub struct SuspensionDescribeArgs {
     /// Axle: TOML file, shipped name or hardpoint .json
     #[arg(value_name = "AXLE")]
     pub axle: String,
+    /// As JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `suspension compliance`.
+#[derive(Debug, ClapArgs)]
+#[command(after_help = SUSPENSION_FILES)]
+pub struct SuspensionComplianceArgs {
+    /// Axle with bushings: TOML file or shipped name
+    #[arg(value_name = "AXLE")]
+    pub axle: String,
+    /// Vertical load of each wheel [N]
+    #[arg(long, default_value_t = 4000.0, value_name = "N")]
+    pub load_n: f64,
     /// As JSON
     #[arg(long)]
     pub json: bool,

@@ -2,7 +2,7 @@
 //! them; and that the cars on these maps drive.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
-use assembly::axle_kinematics;
+use assembly::{axle_compliance, axle_kinematics, build_car};
 use config::axle::Axle;
 use config::car::Car;
 use multibody::{Status, Suspension, SuspensionInput, SuspensionOutput};
@@ -158,4 +158,68 @@ fn cars_on_their_own_hardpoints_drive() {
         assert!((2.5..6.5).contains(&gradient), "{name}: {gradient} deg/g");
         assert!(o.held_steps == 0);
     }
+}
+
+/// Compliance from bushings: signs and sizes at the bench of the solver, small against large loads, and in the car.
+#[test]
+fn bushings_become_the_car_s_compliance() {
+    let bushed = axle("sedan_double_wishbone_bushings.toml");
+    let c = axle_compliance(&bushed, 4000.0, 0.005).unwrap();
+    println!("{c:?}");
+    // The wheel gives way in the direction of the force.
+    assert!((1e-8..1e-5).contains(&c.x_per_fx_m_n) && (1e-8..1e-5).contains(&c.y_per_fy_m_n), "{c:?}");
+    // A force to the left leans the top of the wheel: the lower arm carries more of it than the upper, both in series with
+    // their rubber; the contact patch moves with the force, so the wheel turns about +x with it negative.
+    assert!((-1e-5..-1e-9).contains(&c.inclination_per_fy_rad_n), "{c:?}");
+    assert!(c.steer_per_mz_rad_n_m > 0.0 && c.steer_per_mz_rad_n_m < 1e-4, "{c:?}");
+    // Stiffer rubber gives less, in proportion.
+    let mut stiff = bushed.clone();
+    for bushing in stiff.bushings.as_mut().unwrap().values_mut() {
+        bushing.radial_n_per_m *= 10.0;
+        bushing.axial_n_per_m *= 10.0;
+    }
+    let s = axle_compliance(&stiff, 4000.0, 0.005).unwrap();
+    assert!((s.y_per_fy_m_n * 10.0 / c.y_per_fy_m_n - 1.0).abs() < 0.1, "{s:?}");
+    assert!((s.inclination_per_fy_rad_n * 10.0 / c.inclination_per_fy_rad_n - 1.0).abs() < 0.1, "{s:?}");
+    let rigid = axle_compliance(&axle("sedan_double_wishbone.toml"), 4000.0, 0.005);
+    assert!(rigid.unwrap_err()[0].contains("needs bushings"));
+
+    // In the car: the shipped saloon's figures, and those of the bushings on top where its axle has them.
+    let drive = |overrides: &[String]| {
+        let resolved = config::ResolvedCar::load("sedan", overrides).unwrap();
+        let own = resolved.car.front.compliance.clone();
+        let mut v = build_car(&resolved, 1e-3).unwrap();
+        let input = VehicleInput {
+            target_speed_m_s: Some(25.0),
+            rack_displacement_m: Some(-0.003),
+            ..VehicleInput::default()
+        };
+        v.reset(25.0, &input);
+        for _ in 0..4000 {
+            v.step(&input);
+        }
+        (*v.output(), own)
+    };
+    let (plain, own) = drive(&[]);
+    let (soft, same) = drive(&["front.axle_file=sedan_double_wishbone_bushings.toml".to_owned()]);
+    assert_eq!(own, same);
+    let elastic =
+        |o: &vehicle::VehicleOutput, i: usize| o.wheels[i].steer_rad - o.wheels[i].kinematic_steer_rad;
+    let mut expected = [0.0; 2];
+    for (n, (o, with)) in [(&plain, 0.0), (&soft, 1.0)].into_iter().enumerate() {
+        let w = &o.wheels[0];
+        let b = config::ResolvedCar::load("sedan", &[]).unwrap().car;
+        let front = 1.0 - b.body.front_axle_to_sprung_cg_m / b.body.wheelbase_m;
+        let load = 9.80665 * (0.5 * b.body.sprung_mass_kg * front + b.front.unsprung_mass_kg);
+        let c = axle_compliance(&bushed, load, 0.005).unwrap();
+        expected[n] = (own.steer_per_fx_rad_n + with * c.steer_per_fx_rad_n) * w.fx_n
+            + (own.steer_per_fy_rad_n + with * c.steer_per_fy_rad_n) * w.fy_n
+            + (own.steer_per_mz_rad_n_m + with * c.steer_per_mz_rad_n_m) * w.mz_n_m;
+        let found = elastic(o, 0);
+        println!("elastic steer of the left wheel {found:.3e} rad, by its coefficients {:.3e}", expected[n]);
+        assert!((found - expected[n]).abs() < 2e-6, "{found} against {}", expected[n]);
+    }
+    // The shipped saloon's own figures understeer: the lateral force turns its front wheels out of the turn.
+    assert!(elastic(&plain, 0) < -2e-4 && plain.wheels[0].fy_n > 500.0);
+    assert!((soft.yaw_rate_rad_s / plain.yaw_rate_rad_s - 1.0).abs() > 1e-4, "the bushings change nothing");
 }

@@ -2,6 +2,7 @@
 
 mod columns;
 mod compare;
+mod compliance;
 mod curves;
 mod input;
 pub mod page;
@@ -26,6 +27,7 @@ pub fn suspension(args: &SuspensionArgs) -> Exit {
         SuspensionCommand::Curves(args) => curves::curves(args),
         SuspensionCommand::Describe(args) => describe(args),
         SuspensionCommand::Compare(args) => compare::compare(args),
+        SuspensionCommand::Compliance(args) => compliance::compliance(args),
     };
     ended.unwrap_or_else(|wrong| {
         output::note(wrong);

@@ -50,7 +50,7 @@ const SIMULATE_HELP: &str = "\
 Columns read, in any order:
   t_s                   time, increasing; values run in straight lines between rows [s]
   one of
-    delta_road_rad      mean angle of the front road wheels [rad]
+    delta_road_rad      mean angle of the front road wheels: the rack that gives it at design is set [rad]
     steering_wheel_rad  hand-wheel angle, through the car's own steering [rad]
     rack_disp_m         rack displacement, left positive [m]
   and either
@@ -186,6 +186,14 @@ fn simulate(args: &SimulateArgs) -> Result<Exit, String> {
     if let Err(error) = written {
         output::note(error);
         return Ok(Exit::Unavailable);
+    }
+    if table.unreached() > 0 {
+        output::note(format!(
+            "{name}: {} of {} rows ask for more steering than the rack gives (its stop, or 2 m/s): the results have what it \
+             reached",
+            table.unreached(),
+            table.rows()
+        ));
     }
     let held = car.output().held_steps;
     let faults = car.equations().map_or(0, |equations| equations.faults());
