@@ -4,9 +4,18 @@
 #![allow(clippy::print_stdout)]
 
 fn main() {
-    for directory in
-        ["cars", "suspensions", "tyres", "units", "scenarios", "rigs", "models", "can", "campaigns"]
-    {
+    for directory in [
+        "cars",
+        "suspensions",
+        "tyres",
+        "units",
+        "scenarios",
+        "rigs",
+        "models",
+        "can",
+        "campaigns",
+        "studies",
+    ] {
         println!("cargo:rerun-if-changed=../{directory}");
     }
 }

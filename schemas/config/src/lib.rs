@@ -23,6 +23,7 @@ pub mod rig;
 pub mod road;
 pub mod scenario;
 pub mod steer;
+pub mod study;
 pub mod surface;
 pub mod tree;
 pub mod unit;

@@ -1,4 +1,4 @@
-//! The reference files that the executable carries: cars, suspensions, tyres, units, rigs, scenarios, models, campaigns.
+//! The reference files that the executable carries: cars, suspensions, tyres, units, rigs, scenarios, models, campaigns, studies.
 
 use crate::validate::closest;
 use include_dir::{Dir, include_dir};
@@ -13,6 +13,7 @@ static SCENARIOS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../scenarios");
 static RIGS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../rigs");
 static CAN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../can");
 static CAMPAIGNS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../campaigns");
+static STUDIES: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../studies");
 static MODELS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../models");
 
 /// Kinds of shipped files; each has its directory.
@@ -37,11 +38,13 @@ pub enum Kind {
     Can,
     /// Fault campaigns.
     Campaign,
+    /// Parameter studies.
+    Study,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Scenario,
         Self::Car,
         Self::Suspension,
@@ -51,6 +54,7 @@ impl Kind {
         Self::Model,
         Self::Can,
         Self::Campaign,
+        Self::Study,
     ];
 
     /// Directory of the kind in the library.
@@ -65,6 +69,7 @@ impl Kind {
             Self::Model => "models",
             Self::Can => "can",
             Self::Campaign => "campaigns",
+            Self::Study => "studies",
         }
     }
 
@@ -79,6 +84,7 @@ impl Kind {
             Self::Model => &MODELS,
             Self::Can => &CAN,
             Self::Campaign => &CAMPAIGNS,
+            Self::Study => &STUDIES,
         }
     }
 }

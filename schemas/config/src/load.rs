@@ -41,6 +41,10 @@ impl Section for crate::campaign::Campaign {
     const KIND: Kind = Kind::Campaign;
 }
 
+impl Section for crate::study::Study {
+    const KIND: Kind = Kind::Study;
+}
+
 impl Section for crate::car::Car {
     const KIND: Kind = Kind::Car;
 }
@@ -488,6 +492,7 @@ pub fn all_schemas() -> Vec<(Kind, serde_json::Value)> {
         (Kind::Unit, schema_json::<crate::unit::SteeringUnit>()),
         (Kind::Can, schema_json::<crate::can::Can>()),
         (Kind::Campaign, schema_json::<crate::campaign::Campaign>()),
+        (Kind::Study, schema_json::<crate::study::Study>()),
     ]
 }
 

@@ -52,6 +52,8 @@ pub enum Command {
     Rig(crate::commands::rig::RigArgs),
     /// CAN: check DBC and mapping files, watch a bus, send on it, play the ECU
     Can(crate::commands::can_args::CanArgs),
+    /// Run a parameter study on all cores: a table of figures over parameters, resumable
+    Sweep(crate::commands::sweep::SweepArgs),
     /// Run a fault campaign: kill, stop, stall, spoil, and check what the bench makes of it
     Fault(FaultArgs),
     /// Measure timing: the rig's wake-ups beside bare timers in the same run
@@ -459,6 +461,8 @@ pub enum ListKind {
     Can,
     /// Fault campaigns
     Campaigns,
+    /// Parameter studies
+    Studies,
 }
 
 /// Arguments of `check`.
@@ -501,6 +505,8 @@ pub enum SchemaSection {
     Can,
     /// A fault campaign
     Campaign,
+    /// A parameter study
+    Study,
 }
 
 /// Arguments of `table`.
@@ -558,12 +564,15 @@ pub struct ExportArgs {
     /// Format
     #[arg(long, value_enum, default_value_t = ExportFormat::Csv)]
     pub format: ExportFormat,
-    /// Regions or signals to export, by region or `region.field`; may be repeated [default: all]
-    #[arg(long, value_name = "REGION[.FIELD]")]
+    /// Regions, fields, signals, or patterns with `*` and `?`, comma-separated; may be repeated [default: all]
+    #[arg(long, value_name = "REGION[.FIELD]", value_delimiter = ',')]
     pub select: Vec<String>,
-    /// Every n-th tick only
+    /// One row for every N ticks
     #[arg(long, default_value_t = 1, value_name = "N")]
     pub every: u64,
+    /// What that row holds
+    #[arg(long, value_enum, default_value_t = ThinMethod::Pick)]
+    pub method: ThinMethod,
     /// Where to write it [default: beside the log]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
@@ -576,6 +585,19 @@ pub enum ExportFormat {
     Csv,
     /// ASAM MDF 4.10 with units, descriptions and the configuration attached: CANape, INCA, asammdf
     Mf4,
+    /// Apache Parquet, one table; units and comments in `df.attrs` of pandas, configuration in the file's metadata
+    Parquet,
+    /// A smaller log: MCAP for ROS 2 tools and for kingpin itself
+    Mcap,
+}
+
+/// How ticks are thinned out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ThinMethod {
+    /// The first tick of each N as it is (what is faster than half the new rate aliases)
+    Pick,
+    /// The mean of the N ticks; counters, codes and flags those of the first
+    Mean,
 }
 
 /// Arguments of `compare`.

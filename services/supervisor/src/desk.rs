@@ -5,7 +5,7 @@
 //! starting, stopping and acknowledging are the operator's too; the manoeuvre's clock starts with the start.
 
 use crate::live;
-use crate::plan::{RunPlan, request};
+use assembly::plan::{RunPlan, request};
 use config::ResolvedBench;
 use operator_link::{Answer, Entry, Operation, Request, Server};
 use params::{Book, Fixed, LIST, Refusal, Schedule, Setting, Values};

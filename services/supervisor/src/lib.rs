@@ -12,13 +12,12 @@ mod desk;
 pub mod fault;
 mod live;
 mod operator;
-mod plan;
 mod set;
 
+pub use assembly::plan::{RunPlan, request};
 pub use children::{Change, Children, DEATHS_MAX, SERVICES, YOUNG_MAX, YOUNG_NS};
 pub use live::at as parameters_at;
 pub use operator::Operator;
-pub use plan::{RunPlan, request};
 pub use set::BELOW_SERVICES;
 
 use assembly::manifest::{Drive, Manifest, ManifestError};

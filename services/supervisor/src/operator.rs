@@ -3,7 +3,7 @@
 //!
 //! Real hardware waits for a person. The automatic hand is for unattended runs of the virtual rig only.
 
-use crate::plan::{RunPlan, request};
+use assembly::plan::{RunPlan, request};
 use regions::{Bench, RigStatus};
 
 /// Time between two attempts. [s]

@@ -15,6 +15,7 @@ mod kinematics;
 mod live;
 pub mod manifest;
 mod multibody_node;
+pub mod plan;
 mod rig_node;
 pub mod service;
 mod vehicle_node;

@@ -13,12 +13,13 @@ use regions::Kind;
 
 use crate::error::LogError;
 use crate::reader::LogReader;
+use crate::select::select;
 
 /// What to export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CsvOptions {
     /// Regions (`rig_measurement`), fields (`rig_measurement.tie_rod_force_n`) or single signals
-    /// (`rig_measurement.tie_rod_force_n.left`), in the order of the columns. Empty: everything.
+    /// (`rig_measurement.tie_rod_force_n.left`), or patterns (`*force_n*`), in the order of the columns. Empty: everything.
     pub selection: Vec<String>,
     /// Every how manieth tick is exported, counted from tick 0; 1 for all.
     pub decimation: u64,
@@ -94,36 +95,8 @@ pub fn export_csv(log: &LogReader, options: &CsvOptions, out: &mut dyn Write) ->
     Ok(ticks.len() as u64)
 }
 
-/// The selected columns as (region, column), in order.
-pub(crate) fn select(log: &LogReader, selection: &[String]) -> Result<Vec<(usize, usize)>, LogError> {
-    let all = || {
-        log.regions()
-            .iter()
-            .enumerate()
-            .flat_map(|(r, region)| (0..region.columns.len()).map(move |c| (r, c)))
-    };
-    if selection.is_empty() {
-        return Ok(all().collect());
-    }
-    let mut selected = Vec::new();
-    for wanted in selection {
-        let before = selected.len();
-        selected.extend(all().filter(|&(r, c)| {
-            let region = &log.regions()[r];
-            let full = format!("{}.{}", region.name, region.columns[c].name);
-            full == *wanted || full.strip_prefix(wanted.as_str()).is_some_and(|rest| rest.starts_with('.'))
-        }));
-        if selected.len() == before {
-            // The same search by name gives the error its suggestions.
-            log.signal(wanted)?;
-            return Err(LogError::UnknownSignal { name: wanted.clone(), known: Vec::new() });
-        }
-    }
-    Ok(selected)
-}
-
 /// Shortest text that reads back to the same number.
-fn shortest(value: f64) -> String {
+pub(crate) fn shortest(value: f64) -> String {
     if value.is_nan() {
         "nan".to_owned()
     } else if value == 0.0 || (1e-5..1e16).contains(&value.abs()) {

@@ -43,6 +43,9 @@ pub struct LogHeader {
     pub versions: BTreeMap<String, String>,
     /// Hash of the configuration, see [`text_hash`].
     pub configuration_hash: String,
+    /// How ticks were thinned out, in words; none in a log as it was written.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decimation: Option<String>,
     /// Resolved configuration, TOML.
     #[serde(skip)]
     pub configuration: String,
@@ -87,6 +90,9 @@ impl LogHeader {
             ("seed".to_owned(), self.seed.to_string()),
             ("configuration_hash".to_owned(), self.configuration_hash.clone()),
         ]);
+        if let Some(decimation) = &self.decimation {
+            map.insert("decimation".to_owned(), decimation.clone());
+        }
         for (part, version) in &self.versions {
             map.insert(format!("version.{part}"), version.clone());
         }
@@ -112,6 +118,7 @@ impl LogHeader {
             seed: number("seed"),
             versions,
             configuration_hash: text("configuration_hash"),
+            decimation: map.get("decimation").cloned(),
             configuration: String::new(),
             sources: Vec::new(),
         }

@@ -14,9 +14,9 @@ use std::io::Write;
 use regions::Kind;
 
 use crate::error::LogError;
-use crate::export::select;
 use crate::header::{CONFIGURATION_ATTACHMENT, HEADER_ATTACHMENT, SOURCE_PREFIX};
 use crate::reader::LogReader;
+use crate::select::{docs_of, pretty, select};
 
 /// What to export.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -125,14 +125,15 @@ pub fn export_mf4(log: &LogReader, options: &Mf4Options, out: &mut dyn Write) ->
         &format!(
             "<HDcomment><TX>{}</TX><common_properties><e name=\"scenario\">{}</e><e name=\"bench\">{}</e>\
              <e name=\"run_id\">{:016x}</e><e name=\"seed\">{}</e><e name=\"period_s\">{}</e>\
-             <e name=\"configuration_hash\">{}</e></common_properties></HDcomment>",
+             <e name=\"configuration_hash\">{}</e><e name=\"decimation\">{}</e></common_properties></HDcomment>",
             escaped(&header.scenario),
             escaped(&header.scenario),
             escaped(&header.bench),
             header.run_id,
             header.seed,
             header.period_s(),
-            escaped(&header.configuration_hash)
+            escaped(&header.configuration_hash),
+            escaped(header.decimation.as_deref().unwrap_or("none"))
         ),
     );
     blocks.link(hd, 5, comment);
@@ -225,21 +226,6 @@ pub fn export_mf4(log: &LogReader, options: &Mf4Options, out: &mut dyn Write) ->
         }
     }
     Ok(records)
-}
-
-/// The descriptions of a region's columns, if this program has the same layout as the log.
-fn docs_of(region: &str, layout_hash: &str) -> Vec<(String, &'static str)> {
-    regions::REGIONS
-        .iter()
-        .filter(|known| known.name == region && format!("{:016x}", known.layout.hash()) == layout_hash)
-        .flat_map(|known| known.layout.columns())
-        .map(|column| (column.name, column.doc))
-        .collect()
-}
-
-/// A unit as measurement tools print it.
-fn pretty(unit: &str) -> String {
-    unit.replace("^2", "²").replace("^3", "³").replace('*', "·")
 }
 
 fn escaped(text: &str) -> String {

@@ -66,6 +66,12 @@ pub struct Event {
 }
 
 impl Event {
+    /// The event as it stands in a log.
+    pub(crate) fn json(&self) -> String {
+        serde_json::json!({ "tick": self.tick, "time_s": self.time_s, "kind": self.kind, "detail": self.detail })
+            .to_string()
+    }
+
     /// The detail as a line of text.
     pub fn text(&self) -> String {
         match &self.detail {
@@ -167,6 +173,14 @@ impl LogReader {
     /// All regions in the log, in the order of their definition.
     pub fn regions(&self) -> &[RegionLog] {
         &self.regions
+    }
+
+    pub(crate) fn of_parts(header: LogHeader, regions: Vec<RegionLog>) -> LogReader {
+        LogReader { header, files: Vec::new(), events: Vec::new(), regions }
+    }
+
+    pub(crate) fn regions_mut(&mut self) -> &mut [RegionLog] {
+        &mut self.regions
     }
 
     /// A region by name.
@@ -288,6 +302,36 @@ impl RegionLog {
     /// How many ticks lie in gaps.
     pub fn missing_count(&self) -> u64 {
         self.missing().iter().map(|(first, last)| last - first + 1).sum()
+    }
+
+    pub(crate) fn new(
+        name: String,
+        layout: String,
+        layout_hash: String,
+        compared: bool,
+        columns: Vec<LogColumn>,
+        ticks: Vec<u64>,
+        words: Vec<u64>,
+    ) -> Self {
+        debug_assert_eq!(words.len(), ticks.len() * columns.len());
+        RegionLog {
+            name,
+            layout,
+            layout_hash,
+            compared,
+            columns,
+            ticks,
+            duplicates: 0,
+            conflicts: 0,
+            malformed: 0,
+            words,
+        }
+    }
+
+    /// Replaces the rows; as many as there are ticks.
+    pub(crate) fn set_words(&mut self, words: Vec<u64>) {
+        debug_assert_eq!(words.len(), self.ticks.len() * self.columns.len());
+        self.words = words;
     }
 
     /// Sorts rows by tick and keeps the first of each.
@@ -420,7 +464,7 @@ impl RegionLog {
 }
 
 /// The user's outputs lie in numbered slots; the configuration in the log says their names and units.
-fn name_user_outputs(regions: &mut [RegionLog], configuration: &str) {
+pub(crate) fn name_user_outputs(regions: &mut [RegionLog], configuration: &str) {
     let slots = regions.iter_mut().flat_map(|region| &mut region.columns);
     let mut slots: Vec<_> = slots.filter(|column| column.name.starts_with("user_output.")).collect();
     if slots.is_empty() || !configuration.contains("\"equations\"") {

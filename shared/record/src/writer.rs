@@ -28,7 +28,7 @@ pub(crate) const CDR_HEADER: [u8; 4] = [0, 1, 0, 0];
 /// Words a message's buffer starts with; it grows once if a region has more.
 const WORDS_TYPICAL: usize = 1024;
 
-const EVENT_SCHEMA: &str = r#"{"type":"object","properties":{"tick":{"type":"integer"},"time_s":{"type":"number"},"kind":{"type":"string"},"detail":{}},"required":["tick","time_s","kind","detail"]}"#;
+pub(crate) const EVENT_SCHEMA: &str = r#"{"type":"object","properties":{"tick":{"type":"integer"},"time_s":{"type":"number"},"kind":{"type":"string"},"detail":{}},"required":["tick","time_s","kind","detail"]}"#;
 
 /// What a writer did so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -18,6 +18,7 @@ mod run;
 mod sections;
 mod shell;
 mod source_figures;
+mod study;
 mod summary;
 mod table;
 mod verdict;
@@ -31,6 +32,7 @@ pub use procedure::{
     Entry, Procedure, angle_per_rack, assess, assessment_json, assessment_text, procedure_html, signals,
 };
 pub use published::{PUBLISHED_TRACKING, PublishedTracking, published_for};
+pub use study::{StudyColumn, study_html};
 pub use summary::{
     LogSummary, LoopFigures, Peaks, RunSummary, ServiceTiming, SolverSummary, Span, TrackingFigures, Trip,
     summarise,

@@ -57,6 +57,17 @@ pub fn page_html(
     tables: &[Rows],
     plots: &[Plot],
 ) -> String {
+    page_of(title, lines, passed, tables, &plots.iter().map(figure).collect::<Vec<_>>())
+}
+
+/// As [`page_html`], with figures of any kind.
+pub(crate) fn page_of(
+    title: &str,
+    lines: &[String],
+    passed: Option<bool>,
+    tables: &[Rows],
+    figures: &[Figure],
+) -> String {
     let mut page = shell::open(&format!("{title} – Kingpin"));
     let badge = match passed {
         Some(true) => "<div class=\"badge pass\">PASS</div>",
@@ -80,10 +91,9 @@ pub fn page_html(
             cells(&table.head, "th")
         );
     }
-    let figures: Vec<Figure> = plots.iter().map(figure).collect();
-    shell::section(&mut page, &figures);
+    shell::section(&mut page, figures);
     page += "</main>\n";
-    shell::close(&mut page, &figures);
+    shell::close(&mut page, figures);
     page
 }
 

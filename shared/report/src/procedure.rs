@@ -159,7 +159,7 @@ pub fn assessment_text(assessment: &Assessment) -> String {
 }
 
 /// Four significant digits.
-fn short(value: f64) -> String {
+pub(crate) fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }

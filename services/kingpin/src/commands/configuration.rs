@@ -16,6 +16,7 @@ fn kind_of(kind: ListKind) -> Kind {
         ListKind::Models => Kind::Model,
         ListKind::Can => Kind::Can,
         ListKind::Campaigns => Kind::Campaign,
+        ListKind::Studies => Kind::Study,
     }
 }
 
@@ -45,6 +46,7 @@ pub fn list(args: &ListArgs) -> Exit {
         ListKind::Models,
         ListKind::Can,
         ListKind::Campaigns,
+        ListKind::Studies,
     ];
     let kinds = args.kind.map_or(all.to_vec(), |kind| vec![kind]);
     let mut json = serde_json::Map::new();
@@ -130,6 +132,7 @@ pub fn schema(args: &SchemaArgs) -> Exit {
         SchemaSection::Model => serde_json::from_str(functional_model::schema::JSON).unwrap_or_default(),
         SchemaSection::Can => config::schema_json::<config::can::Can>(),
         SchemaSection::Campaign => config::schema_json::<config::campaign::Campaign>(),
+        SchemaSection::Study => config::schema_json::<config::study::Study>(),
         SchemaSection::Unit => config::schema_json::<config::unit::SteeringUnit>(),
     });
     Exit::Done

@@ -1,10 +1,11 @@
 //! `report`, `recover`, `export`, `compare`: what is done with a log afterwards.
 
-use crate::args::{CompareArgs, ExportArgs, ExportFormat, RecoverArgs, ReportArgs};
+use crate::args::{CompareArgs, ExportArgs, ExportFormat, RecoverArgs, ReportArgs, ThinMethod};
 use crate::exit::Exit;
 use crate::output;
-use record::{CsvOptions, LogError, LogReader, Mf4Options};
+use record::{CsvOptions, Decimation, LogError, LogReader, Mf4Options};
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -27,13 +28,21 @@ pub fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> Result<(), String>,
 ) -> Result<(), String> {
+    write_file(path, |file| write(file))
+}
+
+/// As [`write_whole`], for formats that seek.
+fn write_file(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<std::fs::File>) -> Result<(), String>,
+) -> Result<(), String> {
     let mut draft = path.as_os_str().to_owned();
     draft.push(".tmp");
     let draft = PathBuf::from(draft);
     let written = std::fs::File::create(&draft)
         .map_err(|e| e.to_string())
         .and_then(|file| {
-            let mut buffered = BufWriter::new(file);
+            let mut buffered = BufWriter::with_capacity(1 << 20, file);
             write(&mut buffered)?;
             buffered.flush().map_err(|e| e.to_string())
         })
@@ -141,27 +150,38 @@ pub fn export(args: &ExportArgs) -> Exit {
     if args.every == 0 {
         return failed("--every = 0: must be 1 or more");
     }
-    let log = match LogReader::open(&args.run) {
+    let log = match open_for(&args.run, &args.select) {
         Ok(log) => log,
         Err(error) => return failed(error),
     };
-    let extension = match args.format {
-        ExportFormat::Csv => "csv",
-        ExportFormat::Mf4 => "mf4",
+    let log = log.thinned(
+        args.every,
+        match args.method {
+            ThinMethod::Pick => Decimation::Pick,
+            ThinMethod::Mean => Decimation::Mean,
+        },
+    );
+    let name = match args.format {
+        ExportFormat::Csv => "log.csv",
+        ExportFormat::Mf4 => "log.mf4",
+        ExportFormat::Parquet => "log.parquet",
+        // Not of the names that a run's own logs have.
+        ExportFormat::Mcap => "export.mcap",
     };
-    let path = args.output.clone().unwrap_or_else(|| beside(&args.run).join(format!("log.{extension}")));
+    let path = args.output.clone().unwrap_or_else(|| beside(&args.run).join(name));
+    if args.format == ExportFormat::Mcap && path.canonicalize().is_ok_and(|p| same_file(&p, &args.run)) {
+        return failed(format!("{}: is the log itself; name another file with --output", path.display()));
+    }
+    let selection = args.select.clone();
     let mut rows = 0;
-    let written = write_whole(&path, |out| {
+    let written = write_file(&path, |out| {
         rows = match args.format {
             ExportFormat::Csv => {
-                let options =
-                    CsvOptions { selection: args.select.clone(), decimation: args.every, unit_row: false };
-                record::export_csv(&log, &options, out)
+                record::export_csv(&log, &CsvOptions { selection, ..CsvOptions::default() }, out)
             }
-            ExportFormat::Mf4 => {
-                let options = Mf4Options { selection: args.select.clone(), decimation: args.every };
-                record::export_mf4(&log, &options, out)
-            }
+            ExportFormat::Mf4 => record::export_mf4(&log, &Mf4Options { selection, decimation: 1 }, out),
+            ExportFormat::Parquet => record::export_parquet(&log, &selection, out),
+            ExportFormat::Mcap => record::export_mcap(&log, &selection, out),
         }
         .map_err(|e: LogError| e.to_string())?;
         Ok(())
@@ -173,6 +193,29 @@ pub fn export(args: &ExportArgs) -> Exit {
         }
         Err(error) => failed(error),
     }
+}
+
+/// Opens a log with the regions that are meant, if that can be told from the names alone and all are there; else whole,
+/// so that errors know what else there is.
+fn open_for(run: &Path, selection: &[String]) -> Result<LogReader, LogError> {
+    let region = |entry: &String| {
+        let region = entry.split('.').next().filter(|region| !region.contains(['*', '?']));
+        region.map(str::to_owned)
+    };
+    let wanted: Option<BTreeSet<String>> = selection.iter().map(region).collect();
+    if let Some(wanted) = wanted.filter(|wanted| !wanted.is_empty()) {
+        let log = LogReader::open_regions(run, |name| wanted.contains(name))?;
+        if log.regions().len() == wanted.len() {
+            return Ok(log);
+        }
+    }
+    LogReader::open(run)
+}
+
+/// Whether a file is one of a log's.
+fn same_file(path: &Path, run: &Path) -> bool {
+    record::log_files(run)
+        .is_ok_and(|files| files.iter().any(|file| file.canonicalize().is_ok_and(|file| file == path)))
 }
 
 /// `kingpin compare`.

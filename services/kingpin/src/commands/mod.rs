@@ -21,6 +21,7 @@ mod run;
 mod service;
 mod summary;
 mod suspension;
+pub mod sweep;
 mod table;
 pub mod tyre;
 pub mod vehicle;
@@ -52,6 +53,7 @@ pub fn dispatch(command: Command) -> Exit {
         Command::Can(args) => can::can(&args),
         Command::Bench(args) => bench::bench(&args),
         Command::Doctor(args) => doctor::doctor(&args),
+        Command::Sweep(args) => sweep::sweep(&args),
         Command::Fault(args) => fault::fault(&args),
         Command::Attach(args) => run::attach(&args),
         Command::Blackbox(args) => blackbox::blackbox(&args),

@@ -11,14 +11,13 @@ use metrics::handling::{Assessment, CarFacts, Layout, Signals, SteadyMethod};
 use metrics::statistics::amplitude;
 use record::LogReader;
 use regions::RigStatus;
-use report::{
-    Entry, Procedure, angle_per_rack, assess, assessment_json, assessment_text, procedure_html, signals,
-};
+use report::{Entry, Procedure, assess, assessment_json, assessment_text, procedure_html, signals};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use study::judge::steering_ratio;
 use supervisor::{Mode, Observer, Run};
 
 /// Most runs made to reach the lateral acceleration that a standard asks for.
@@ -359,25 +358,6 @@ fn judge(args: &ProcedureArgs, path: &Path, title: String, a_rad: Option<f64>) -
         path.parent().map(Path::to_path_buf).unwrap_or_default()
     };
     Ok(Judged { title, directory, procedure, signals, assessment })
-}
-
-/// Overall kinematic steering ratio near straight running: hand-wheel angle per rack travel as the log has it, over the
-/// mean front steer angle per rack travel of the axle at its design height.
-fn steering_ratio(log: &LogReader, resolved: &ResolvedBench) -> Option<f64> {
-    const REACH_M: f64 = 2e-3;
-    let curve = multibody::methods::curve(
-        &resolved.front_axle,
-        multibody::methods::Over::Rack,
-        &[-REACH_M, 0.0, REACH_M],
-    )
-    .ok()?;
-    // Toe-in turns the left wheel to the right and the right wheel to the left.
-    let steer =
-        |point: &multibody::methods::CurvePoint| 0.5 * (point.side[1].toe_rad - point.side[0].toe_rad);
-    let (first, last) = (curve.points.first()?, curve.points.last()?);
-    let steer_per_rack = (steer(last) - steer(first)) / (last.at_m - first.at_m);
-    let ratio = angle_per_rack(log)? / steer_per_rack;
-    (ratio.is_finite() && ratio > 1.0).then_some(ratio)
 }
 
 /// Runs a scenario into a directory.
