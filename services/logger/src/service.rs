@@ -35,6 +35,7 @@ pub fn create_header(manifest: &Manifest, t0_ns: Nanos) -> LogHeader {
         seed: resolved.scenario.seed,
         versions,
         configuration_hash: text_hash(&configuration),
+        decimation: None,
         configuration,
         sources: resolved
             .sources
