@@ -339,7 +339,7 @@ fn the_wheel_in_a_fresh_environment_does_what_the_commands_do() {
             .arg(script)
             .args(arguments)
             .current_dir(folder.path())
-            .env("KINGPIN_EXAMPLE_DURATION_S", "2")
+            .env("KINGPIN_EXAMPLE_DURATION_S", "6")
             .env("KINGPIN_EXAMPLE_RUNS", "12")
             .env("MPLBACKEND", "Agg")
             .output()

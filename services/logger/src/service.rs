@@ -32,10 +32,10 @@ pub fn create_header(manifest: &Manifest, t0_ns: Nanos) -> LogHeader {
         wall_start_ns: if lockstep { 0 } else { wall_at(manifest, t0_ns) },
         monotonic_start_ns: if lockstep { 0 } else { t0_ns },
         lockstep,
-        decimation: None,
         seed: resolved.scenario.seed,
         versions,
         configuration_hash: text_hash(&configuration),
+        decimation: None,
         configuration,
         sources: resolved
             .sources

@@ -10,16 +10,16 @@ import numpy as np
 
 import kingpin
 
-# Shorter for a quick look: KINGPIN_EXAMPLE_DURATION_S=3
+# Shorter for a quick look: KINGPIN_EXAMPLE_DURATION_S=6
 duration_s = float(os.environ.get("KINGPIN_EXAMPLE_DURATION_S", "30"))
-base = kingpin.run("weave_100", ["unit_file=column_eps"], duration_s=0.2)
+base = kingpin.run("weave_100", ["warm_up_s=0.1"], duration_s=0.2)
 force_n = np.array(base.configuration["unit"]["assist"]["force_n"])
 
 # %%
 runs = {
     factor: kingpin.run(
         "weave_100",
-        {"unit_file": "column_eps", "unit.assist.force_n": factor * force_n},
+        {"unit.assist.force_n": factor * force_n},
         duration_s=duration_s,
     )
     for factor in (0.5, 1.0, 2.0)

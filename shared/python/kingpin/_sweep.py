@@ -12,6 +12,7 @@ import os
 import time
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from functools import lru_cache
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
 
 import numpy as np
@@ -136,7 +137,7 @@ def _threads(native: Any, left: list[int], jobs: int, keep: Callable[[list[str],
     queue = iter(left)
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            pending = {pool.submit(one, run) for run, _ in zip(queue, range(jobs))} if left else set()
+            pending = {pool.submit(one, run) for run in islice(queue, jobs)}
             while pending:
                 # A bounded wait, so that Ctrl-C is seen.
                 done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)

@@ -32,7 +32,6 @@ struct Story {
 fn header(scenario: &str, lockstep: bool) -> LogHeader {
     let configuration = "[scenario]\nname = \"x\" # <script>alert('configuration')</script>\n".to_owned();
     LogHeader {
-        decimation: None,
         bench: "demo".into(),
         scenario: scenario.into(),
         run_id: 0xfeed_beef,
@@ -44,6 +43,7 @@ fn header(scenario: &str, lockstep: bool) -> LogHeader {
         versions: [("kingpin".to_owned(), "0.1.0".to_owned()), ("rustc".to_owned(), "1.95.0".to_owned())]
             .into(),
         configuration_hash: text_hash(&configuration),
+        decimation: None,
         configuration,
         sources: Vec::new(),
     }
