@@ -52,11 +52,8 @@ pub enum Command {
     Rig(crate::commands::rig::RigArgs),
     /// CAN: check DBC and mapping files, watch a bus, send on it, play the ECU
     Can(crate::commands::can_args::CanArgs),
-<<<<<<< HEAD
     /// FMUs, users' own models: what one is, whether it loads, what a step costs
     Fmu(crate::commands::fmu::FmuArgs),
-=======
->>>>>>> e1687014042e1edc075ea19884edc09cd93fc72c
     /// Run a parameter study on all cores: a table of figures over parameters, resumable
     Sweep(crate::commands::sweep::SweepArgs),
     /// Run a fault campaign: kill, stop, stall, spoil, and check what the bench makes of it

@@ -303,8 +303,8 @@ pub fn demonstrate(rig: &Rig, unit: &SteeringUnit, seed: u64) -> Result<Vec<Demo
         let with_ecu = matches!(case.code, TripCode::EcuAbsent | TripCode::EcuAgainstDriver);
         let healthy = |i: &mut SafetyInput| {
             if with_ecu {
-                let torque = 0.5 * i.measurement.torsion_bar_torque_n_m;
-                i.ecu = Some(EcuWord { assist_torque_n_m: torque, age_ticks: 1 });
+                // Asks for nothing, so that what it asks for next starts from there.
+                i.ecu = Some(EcuWord { assist_torque_n_m: 0.0, age_ticks: 1 });
             }
         };
         bench.start(healthy)?;
