@@ -220,7 +220,7 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
             return head;
         }
         let done = (0..=self.mask).map(stamp).filter(|stamp| stamp % 2 == 0);
-        // A stamp in a slot that is not its tick's is spoilt, too.
+        // A stamp in a slot that is not its tick's is spoilt, too; one that happens to fit its slot is believed.
         let sound =
             done.filter(|stamp| *stamp > 0 && self.slot(stamp / 2 - 1).0.load(Ordering::Relaxed) == *stamp);
         sound.max().unwrap_or(0) / 2
@@ -289,7 +289,7 @@ mod tests {
         assert_eq!((ring.head(), ring.read(7, &mut [0; 2])), (8, Read::Ready));
         assert!(ring.write_from(8, 7, &[7, 7]).is_err());
         // The newest tick's stamp spoilt, the head with it: the one before is the newest that is there.
-        memory[1 + 3 * 3].store(1 << 50, Ordering::Relaxed);
+        memory[1 + 3 * 3].store((1 << 50) + 4, Ordering::Relaxed);
         memory[0].store(1 << 50, Ordering::Relaxed);
         assert_eq!(ring.sound_head(), 7);
     }
