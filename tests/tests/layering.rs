@@ -87,7 +87,7 @@ const LAYERS: &[(&str, &[&str])] = &[
 ];
 
 /// May depend on everything.
-const TOP: &[&str] = &["kingpin", "kingpin_tests", "kingpin_benches"];
+const TOP: &[&str] = &["kingpin", "kingpin_python", "kingpin_tests", "kingpin_benches"];
 
 fn manifests() -> Vec<(PathBuf, toml::Table)> {
     let root = workspace();

@@ -484,7 +484,8 @@ impl FmuAction {
         let outputs = &state.output[..self.targets.len()];
         let plausible = state.flags & bad == 0 && outputs.iter().all(|value| value.is_finite());
         let mut own = 0;
-        let verdict = self.guard.judge(&Step { n: before, ..*step }, input, plausible, self.used_tick, &mut own);
+        let verdict =
+            self.guard.judge(&Step { n: before, ..*step }, input, plausible, self.used_tick, &mut own);
         let usable =
             verdict == Verdict::Good || (self.used_tick == NO_TICK && input.tick() != NO_TICK && plausible);
         if usable {

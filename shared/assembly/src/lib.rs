@@ -27,8 +27,8 @@ pub use can_node::{
     CanMessage, CanNode, CanParts, build_can, can_order, can_sources, can_targets, virtual_ecu,
 };
 pub use car::build_car;
-pub use fmu_node::{FmuFault, FmuNode, FmuPart, Unpacked, build_fmus, check_fmus, fmu_model, fmu_part};
 pub use compliance::axle_compliance;
+pub use fmu_node::{FmuFault, FmuNode, FmuPart, Unpacked, build_fmus, check_fmus, fmu_model, fmu_part};
 pub use guard::Guard;
 pub use kinematics::{axle_kinematics, axle_kinematics_in};
 

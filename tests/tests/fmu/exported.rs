@@ -112,7 +112,7 @@ fn fmpy_drives_our_car_to_the_bits_of_vehicle_simulate() {
     }
     assert_eq!(different, 0, "of {} values", own.len() * own_head.len());
     let yaw = own_head.iter().position(|name| name == "yaw_rad").unwrap();
-    assert!(own.last().unwrap()[yaw].abs() > 0.05, "the car turned");
+    assert!(own.iter().any(|row| row[yaw].abs() > 0.05), "the car turned");
 }
 
 #[test]

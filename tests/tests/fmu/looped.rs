@@ -159,7 +159,8 @@ fn an_fmu_in_the_loop_does_exactly_what_the_same_controller_in_rust_does() {
         });
         let with = slip_max(&by_fmu);
         println!("largest slip while braking: {with:.3} with the controller, {without:.3} without");
-        assert!(with < 0.6 && without > 0.9, "{with} {without}");
+        // Before the pressure has fallen a wheel comes to three quarters; locked it never is.
+        assert!(with < 0.8 && without > 0.95, "{with} {without}");
     }
 }
 
@@ -173,7 +174,8 @@ fn run(file: &Path, out: &Path, more: &[&str]) -> Output {
 }
 
 fn words(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    // With --json what is wrong with the input is on standard output.
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 #[test]
@@ -241,7 +243,8 @@ fn in_lockstep_a_bad_fmu_is_a_flagged_fault_and_the_bench_survives() {
         let file = scenario(folder.path(), &Recipe::sound(3), &all);
         let out = folder.path().join(format!("{wrong:?}{}", edits.len()));
         let output = run(&file, &out, &["--lockstep"]);
-        let log = LogReader::open(&out).unwrap();
+        let log =
+            LogReader::open(&out).unwrap_or_else(|error| panic!("{wrong:?}: {error}: {}", words(&output)));
         assert!(log.intact());
         let column = |region, name| log.column_u64(region, name).unwrap();
         let states = column("rig_status", "state");
@@ -264,7 +267,8 @@ fn in_lockstep_a_bad_fmu_is_a_flagged_fault_and_the_bench_survives() {
     assert!(fmu[2100] & fmu_flags::FAILED != 0 && car[2100] & model_flags::FMU_LOST != 0);
     assert!(states.contains(&5), "the rig held");
     // The same, but the car is to go on without it: it does, flagged.
-    let (output, fmu, car, states) = flags_of(Misdeed::Error, &[("\"hold\"", "\"release\"")]);
+    let (output, fmu, car, states) =
+        flags_of(Misdeed::Error, &[("on_loss = \"hold\"", "on_loss = \"release\"")]);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
     assert!(
         words(&output).contains("fmi3DoStep returned error; it said: told to fail"),

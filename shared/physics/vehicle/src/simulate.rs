@@ -11,6 +11,9 @@ use crate::vehicle::Vehicle;
 use config::{NumberTable, Problems};
 use std::fmt::Write as _;
 
+/// Nearer to a row than this share of the interval is on it.
+const ON_A_ROW: f64 = 1e-9;
+
 /// Longest run. [s]
 const DURATION_MAX_S: f64 = 36000.0;
 
@@ -239,7 +242,12 @@ impl Simulation {
         let next = (row + 1).min(self.time.len() - 1);
         let span = self.time[next] - self.time[row];
         let w = if span > 0.0 { ((t - self.time[row]) / span).clamp(0.0, 1.0) } else { 0.0 };
-        column[row] + w * (column[next] - column[row])
+        // A step that ends on a row has that row's value, whatever the last digit of its time.
+        match w {
+            w if w > 1.0 - ON_A_ROW => column[next],
+            w if w < ON_A_ROW => column[row],
+            w => column[row] + w * (column[next] - column[row]),
+        }
     }
 
     /// Inputs of a step that begins at `t` and ends one `step` later, in the row's interval.
