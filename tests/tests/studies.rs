@@ -230,7 +230,7 @@ try:
 except kingpin.ConfigError as error:
     by_key = {violation["key"]: violation for violation in error.violations}
     assert by_key["duration_s"]["line"] == 3 and by_key["duration_s"]["file"].endswith("wrong.toml"), by_key
-    assert by_key["duration_s"]["value"] == "-1.0" and by_key["duration_s"]["rule"], by_key
+    assert float(by_key["duration_s"]["value"]) == -1 and by_key["duration_s"]["rule"], by_key
     assert any("speeed" in key for key in by_key), by_key
     assert any("sprung_mass_kg" in key for key in by_key), by_key
     assert isinstance(error, kingpin.KingpinError)

@@ -81,16 +81,14 @@ pub fn run(
     let mut parameters = table.claim_writer(RegionId::Parameters as usize).map_err(refused)?;
     let schedule = params::Schedule::new(resolved).map_err(|faults| {
         let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
-        RunFault::Broken(faults.join(
-            "
-",
-        ))
+        RunFault::Broken(faults.join("\n"))
     })?;
     let plan = RunPlan::new(scenario.ticks(), period_s, resolved.rig.limits.stop_fade_s);
-    let readers: Vec<_> = ALL.iter().map(|&id| table.reader(id as usize).clone()).collect();
+    let kept: Vec<RegionId> = ALL.into_iter().filter(|id| id.region().logged()).collect();
+    let readers: Vec<_> = kept.iter().map(|&id| table.reader(id as usize).clone()).collect();
+    let mut words = vec![0; kept.iter().map(|id| id.region().layout.words()).max().unwrap_or(0)];
     let mut rows: Vec<(RegionId, Vec<u64>, Vec<u64>)> =
-        ALL.iter().map(|&id| (id, Vec::new(), Vec::new())).collect();
-    let mut words = vec![0; ALL.iter().map(|id| id.region().layout.words()).max().unwrap_or(0)];
+        kept.into_iter().map(|id| (id, Vec::new(), Vec::new())).collect();
     for n in 0..plan.end {
         if n.is_multiple_of(LOOK) {
             look(n, plan.end).map_err(|Interrupted| RunFault::Interrupted)?;

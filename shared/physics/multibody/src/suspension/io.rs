@@ -25,6 +25,9 @@ pub struct SuspensionInput {
     pub wheel_moment_n_m: [Vector3<f64>; 2],
 }
 
+/// Largest number of an input, in its SI unit: beyond it there is no axle, and products of such numbers overflow.
+const INPUT_MAX: f64 = 1e12;
+
 impl SuspensionInput {
     /// Rack centred, wheels at design height, at rest, no load.
     pub const DESIGN: Self = Self {
@@ -71,10 +74,10 @@ impl SuspensionInput {
         }
     }
 
-    /// Whether every number is finite.
+    /// Whether every number is finite, and so small that no sum of products of them overflows.
     #[must_use]
-    pub fn is_finite(&self) -> bool {
-        self.to_array().iter().all(|x| x.is_finite())
+    pub fn is_usable(&self) -> bool {
+        self.to_array().iter().all(|x| x.abs() <= INPUT_MAX)
     }
 }
 

@@ -330,7 +330,7 @@ impl Suspension {
 
     fn solve(&mut self, input: &SuspensionInput) -> Result<Solved, Failure> {
         let failure = |reason| Failure { reason, constraint: None, iterations: 0, residual: 0.0 };
-        if !input.is_finite() {
+        if !input.is_usable() {
             return Err(failure(Reason::NotFinite));
         }
         let last = self.input;
