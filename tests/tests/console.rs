@@ -1,7 +1,7 @@
 //! The console: who may do what, what fuzzing does, a client that stops reading, and the page in a real browser.
 //!
 //! `scripts/console-load` prints what the console costs the loop: tick lateness with 0, 1 and 5 clients in one run.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 #[path = "console/load.rs"]
 mod load;

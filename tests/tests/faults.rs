@@ -1,6 +1,6 @@
 //! Faults: campaigns, disks, supervisors, permissions. No timed assertions: whatever the host does, a reaction is
 //! either the expected one or said to be the host's.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 use kingpin_tests::support::kingpin;
 use record::LogReader;

@@ -289,15 +289,15 @@ impl Drop for Unpacked {
     }
 }
 
+/// Models of a scenario's FMUs, what went wrong with each, and the folders they live in.
+pub type Fmus = (Vec<Box<dyn Model>>, Vec<FmuFault>, Vec<Unpacked>);
+
 /// The FMUs of a scenario for a run in one thread, each in a child process `executable service fmu_host`, with why they
 /// are no longer stepped. The folders live as long as the last part.
 ///
 /// # Errors
 /// Everything that does not fit, or what the FMU says.
-pub fn build_fmus(
-    resolved: &ResolvedBench,
-    executable: &Path,
-) -> Result<(Vec<Box<dyn Model>>, Vec<FmuFault>, Vec<Unpacked>), AssemblyError> {
+pub fn build_fmus(resolved: &ResolvedBench, executable: &Path) -> Result<Fmus, AssemblyError> {
     check_fmus(resolved, false)?;
     let (mut models, mut faults, mut folders): (Vec<Box<dyn Model>>, _, _) =
         (Vec::new(), Vec::new(), Vec::new());

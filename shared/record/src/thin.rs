@@ -43,7 +43,8 @@ impl LogReader {
 }
 
 fn pick(region: &mut RegionLog, every: u64) {
-    let rows: Vec<usize> = (0..region.ticks.len()).filter(|&row| region.ticks[row] % every == 0).collect();
+    let rows: Vec<usize> =
+        (0..region.ticks.len()).filter(|&row| region.ticks[row].is_multiple_of(every)).collect();
     let words = rows.iter().flat_map(|&row| region.row(row).to_vec()).collect();
     region.ticks = rows.iter().map(|&row| region.ticks[row]).collect();
     region.set_words(words);

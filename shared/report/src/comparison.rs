@@ -247,8 +247,11 @@ fn shortened(text: &str) -> String {
     }
 }
 
+/// A key of the configuration with its value in each run.
+type Differing = (String, Vec<Option<Value>>);
+
 /// Values of the configuration that are not the same in all runs, by their paths, and how many more there are.
-fn differences(runs: &[Compared<'_>]) -> (Vec<(String, Vec<Option<Value>>)>, usize) {
+fn differences(runs: &[Compared<'_>]) -> (Vec<Differing>, usize) {
     let leaves: Vec<BTreeMap<String, Value>> = runs
         .iter()
         .map(|run| {

@@ -110,7 +110,7 @@ pub(crate) fn source_figures(run: &Run<'_>, overlays: &[Overlay]) -> (String, Ve
                 .copied()
                 .collect();
             found.push(SourceFigure {
-                number: if strut { *number } else { other },
+                number: if strut { number } else { other },
                 shows: format!("{shows} ({})", if strut { "struts" } else { "double wishbones" }),
                 ours: ours.to_vec(),
                 lacks: if missing.is_empty() {

@@ -31,7 +31,7 @@ fn compare(name: &str, model: &str, file: &str) -> Option<[f64; 4]> {
 fn differences(v: &mut Vehicle, theirs: &Table, model: &str, file: &str, print: bool) -> [f64; 4] {
     let ours = run(v, theirs, "rack_disp_m");
     let time = theirs.column("t_s");
-    let (a, b) = (lateral(&ours), lateral(&theirs));
+    let (a, b) = (lateral(&ours), lateral(theirs));
     // Their runs begin with a settling of speed and pitch; ours on the circle in a straight line.
     let from = if file.starts_with("circle") { 10.0 } else { 0.3 };
     let first = time.iter().position(|t| *t >= from).unwrap();
