@@ -40,14 +40,23 @@ fn random_inputs_never_blow_up() {
     // `KINGPIN_RANDOM_INPUTS=100000` for the whole count.
     let inputs: usize =
         std::env::var("KINGPIN_RANDOM_INPUTS").ok().and_then(|v| v.parse().ok()).unwrap_or(5000);
-    let cars = [("sedan", build(&with_constants(car("sedan")))), ("tall van", tall_on_plain_tyres())];
-    for (name, mut v) in cars {
+    // A road that jumps under a rolling wheel works on the tyre by the load it throws at it, which no account of the tyre's
+    // own sees: the tyres' energy is booked where shape and height of the road stay from one start to the next.
+    let sedan = || build(&with_constants(car("sedan")));
+    let cars = [
+        ("sedan", sedan(), false),
+        ("tall van", tall_on_plain_tyres(), false),
+        ("sedan, jumping road", sedan(), true),
+        ("tall van, jumping road", tall_on_plain_tyres(), true),
+    ];
+    let each = inputs / cars.len();
+    for (name, mut v, jumps) in cars {
         let mut random = Random(0x5EED_0001);
         let mut input = VehicleInput::default();
         let mut peak = 0.0f64;
         let mut account = TyreAccount::new(1e-3);
         let mut taken = 0.0;
-        for n in 0..inputs / 2 {
+        for n in 0..each {
             if n % 50 == 0 {
                 taken += account.taken_j();
                 account = TyreAccount::new(1e-3);
@@ -69,18 +78,23 @@ fn random_inputs_never_blow_up() {
             };
             input.target_speed_m_s = (random.next() < 0.5).then(|| random.between(0.0, 70.0));
             for road in &mut input.road {
-                *road = RoadContact {
+                let drawn = RoadContact {
                     height_m: random.between(-0.05, 0.05),
                     slope_x: random.between(-0.1, 0.1),
                     slope_y: random.between(-0.1, 0.1),
                     friction: random.between(0.05, 1.2),
+                };
+                *road = if jumps || n % 50 == 0 {
+                    drawn
+                } else {
+                    RoadContact { friction: drawn.friction, ..*road }
                 };
             }
             input.wind_m_s = [random.between(-20.0, 20.0), random.between(-20.0, 20.0)];
             for _ in 0..steps_each {
                 v.step(&input);
                 peak = peak.max(v.output().velocity_m_s[0].abs());
-                if let Err(told) = account.book(v.output()) {
+                if let (Err(told), false) = (account.book(v.output()), jumps) {
                     panic!("{name} input {n}: {told}; {input:?}");
                 }
             }
@@ -88,7 +102,7 @@ fn random_inputs_never_blow_up() {
         }
         println!(
             "{name}: {} random inputs of {steps_each} steps, fastest {peak:.1} m/s, the tyres took {:.1} MJ",
-            inputs / 2,
+            each,
             1e-6 * taken
         );
     }
