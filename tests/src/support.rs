@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 /// Root of the workspace.
 pub fn workspace() -> PathBuf {
@@ -75,4 +76,33 @@ pub fn peer(modules: &str) -> Option<PathBuf> {
     }
     println!("SKIPPED: missing: {missing}");
     None
+}
+
+/// A region of a running bench's table as JSON; with no name, the table itself.
+///
+/// # Panics
+/// When the executable cannot be started.
+#[allow(clippy::unwrap_used)]
+pub fn show(name: &str, region: &str) -> Option<serde_json::Value> {
+    let mut command = Command::new(kingpin());
+    command.args(["table", "show", "--json", "--name", name]);
+    if !region.is_empty() {
+        command.arg(region);
+    }
+    serde_json::from_slice(&command.output().unwrap().stdout).ok()
+}
+
+/// What `look` finds, once it finds something.
+///
+/// # Panics
+/// When that takes longer than `patience`.
+pub fn until<T>(what: &str, patience: Duration, mut look: impl FnMut() -> Option<T>) -> T {
+    let begin = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(begin.elapsed() < patience, "waited in vain for {what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

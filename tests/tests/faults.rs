@@ -2,7 +2,7 @@
 //! either the expected one or said to be the host's.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
-use kingpin_tests::support::kingpin;
+use kingpin_tests::support::{self, kingpin, show};
 use record::LogReader;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -11,7 +11,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Longest wait for anything.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -27,15 +27,8 @@ fn own(name: &str) -> String {
     format!("{name}-{}", std::process::id())
 }
 
-fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let begin = Instant::now();
-    loop {
-        if let Some(found) = look() {
-            return found;
-        }
-        assert!(begin.elapsed() < PATIENCE, "waited in vain for {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+fn until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
+    support::until(what, PATIENCE, look)
 }
 
 fn start(name: &str, out: &Path, duration: &str, more: &[&str]) -> Child {
@@ -50,12 +43,6 @@ fn start(name: &str, out: &Path, duration: &str, more: &[&str]) -> Child {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap()
-}
-
-fn show(name: &str, region: &str) -> Option<Value> {
-    let output =
-        Command::new(kingpin()).args(["table", "show", "--json", "--name", name, region]).output().unwrap();
-    serde_json::from_slice(&output.stdout).ok()
 }
 
 fn until_running(name: &str) {

@@ -2,7 +2,7 @@
 //! the machine may be slow, the order of events may not change.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
-use kingpin_tests::support::kingpin;
+use kingpin_tests::support::{self, kingpin, show};
 use record::LogReader;
 use regions::model_flags;
 use rustix::process::{Pid, Signal, kill_process};
@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Longest wait for anything.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -38,25 +38,8 @@ fn start(name: &str, folder: &Path, duration: &str, more: &[&str]) -> Run {
     Run { child, name: name.to_owned(), out }
 }
 
-fn show(name: &str, region: &str) -> Option<Value> {
-    let mut command = Command::new(kingpin());
-    command.args(["table", "show", "--json", "--name", name]);
-    if !region.is_empty() {
-        command.arg(region);
-    }
-    let output = command.output().unwrap();
-    serde_json::from_slice(&output.stdout).ok()
-}
-
-fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let begin = Instant::now();
-    loop {
-        if let Some(found) = look() {
-            return found;
-        }
-        assert!(begin.elapsed() < PATIENCE, "waited in vain for {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+fn until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
+    support::until(what, PATIENCE, look)
 }
 
 impl Run {

@@ -18,5 +18,5 @@ mod server;
 mod session;
 mod source;
 
-pub use server::{Bridge, BridgeError, Options};
+pub use server::{Bridge, Options};
 pub use session::{BEAT_HZ, MESSAGE_MAX};

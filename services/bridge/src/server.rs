@@ -9,19 +9,14 @@ use axum::extract::ws::WebSocketUpgrade;
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use axum::serve::ListenerExt;
-use console_service::{Operator, Token, keep_off};
+use console_service::{Door, Operator, ServeError, Token, keep_off};
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 use table::Bench;
-use tokio::net::TcpListener;
 
 /// Clients at a time.
 const CLIENTS_MAX: usize = 16;
-/// Time between two looks for another run.
-const LOOK: Duration = Duration::from_millis(250);
 /// Where programs on a desktop, made of web pages, come from.
 const DESKTOP_ORIGINS: [&str; 2] = ["file://", "app://"];
 
@@ -39,26 +34,6 @@ pub struct Options {
     /// The token for whatever writes.
     pub token: Token,
 }
-
-/// Why there is no bridge.
-#[derive(Debug)]
-pub enum BridgeError {
-    /// The address cannot be had.
-    Listen(SocketAddr, std::io::Error),
-    /// Threads or sockets.
-    System(std::io::Error),
-}
-
-impl std::fmt::Display for BridgeError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            BridgeError::Listen(address, error) => write!(f, "cannot listen on {address}: {error}"),
-            BridgeError::System(error) => write!(f, "{error}"),
-        }
-    }
-}
-
-impl std::error::Error for BridgeError {}
 
 /// What all clients share.
 pub(crate) struct Hub {
@@ -114,9 +89,7 @@ fn of_this_machine(origin: &str) -> bool {
 
 /// A bridge that listens.
 pub struct Bridge {
-    runtime: tokio::runtime::Runtime,
-    listener: TcpListener,
-    address: SocketAddr,
+    door: Door,
     options: Options,
 }
 
@@ -124,68 +97,33 @@ impl Bridge {
     /// Takes the address.
     ///
     /// # Errors
-    /// [`BridgeError`].
-    pub fn new(options: Options) -> Result<Self, BridgeError> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build();
-        let runtime = runtime.map_err(BridgeError::System)?;
-        let listener = runtime
-            .block_on(TcpListener::bind(options.listen))
-            .map_err(|e| BridgeError::Listen(options.listen, e))?;
-        let address = listener.local_addr().map_err(BridgeError::System)?;
-        Ok(Bridge { runtime, listener, address, options })
+    /// [`ServeError`].
+    pub fn new(options: Options) -> Result<Self, ServeError> {
+        Ok(Bridge { door: Door::open(options.listen)?, options })
     }
 
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.door.address()
     }
 
     /// Serves until `stop` is set.
     ///
     /// # Errors
-    /// [`BridgeError::System`].
-    pub fn serve(self, stop: &AtomicBool) -> Result<(), BridgeError> {
-        // Whoever waits for a millisecond comes first.
-        let _ = rustix::process::nice(10);
+    /// [`ServeError::System`].
+    pub fn serve(self, stop: &AtomicBool) -> Result<(), ServeError> {
         let o = self.options;
-        let port = self.address.port();
-        let mut hosts = o.hosts;
-        hosts.push(self.address.to_string());
-        if self.address.ip().is_loopback() {
-            hosts.extend(["localhost", "127.0.0.1", "[::1]"].map(|name| format!("{name}:{port}")));
-        }
         let hub = Arc::new(Hub {
-            operator: Operator::start(o.bench.clone()).map_err(BridgeError::System)?,
+            operator: Operator::start(o.bench.clone()).map_err(ServeError::System)?,
             bench: o.bench,
             token: o.token,
-            hosts,
+            hosts: self.door.hosts(o.hosts),
             origins: o.origins,
             clients: AtomicUsize::new(0),
             live: Mutex::new(None),
         });
         let router = Router::new().route("/", get(socket)).with_state(Arc::clone(&hub));
-        self.runtime.block_on(async move {
-            let look = async {
-                loop {
-                    hub.look();
-                    tokio::time::sleep(LOOK).await;
-                }
-            };
-            let stopped = async {
-                while !stop.load(Ordering::Relaxed) {
-                    tokio::time::sleep(Duration::from_millis(50)).await;
-                }
-            };
-            // A burst is whole when it is flushed: waiting for more to send would only delay it.
-            let listener = self.listener.tap_io(|stream| {
-                let _ = stream.set_nodelay(true);
-            });
-            tokio::select! {
-                served = axum::serve(listener, router).into_future() => served.map_err(BridgeError::System),
-                () = look => Ok(()),
-                () = stopped => Ok(()),
-            }
-        })
+        self.door.serve(router, || hub.look(), stop)
     }
 }
 

@@ -10,6 +10,7 @@
 //! task of its own that reads the table when it sends: one that stops reading waits for itself alone, and
 //! gets the present, not the past, when it reads again.
 
+mod door;
 mod hub;
 mod message;
 mod operator;
@@ -22,8 +23,9 @@ mod signals;
 mod source;
 mod token;
 
+pub use door::{Door, ServeError};
 pub use hub::keep_off;
 pub use operator::Operator;
-pub use server::{Console, ConsoleError, Options};
+pub use server::{Console, Options};
 pub use session::MESSAGE_MAX;
 pub use token::Token;

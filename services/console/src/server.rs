@@ -1,5 +1,6 @@
 //! The web server: files, reports, the WebSocket's door.
 
+use crate::door::{Door, ServeError};
 use crate::hub::Hub;
 use crate::operator::Operator;
 use crate::page::FILES;
@@ -17,14 +18,10 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
 use table::Bench;
-use tokio::net::TcpListener;
 
 /// Clients at a time.
 const CLIENTS_MAX: usize = 32;
-/// Time between two looks for another run.
-const LOOK: Duration = Duration::from_millis(250);
 /// A report may run its own scripts, in an origin of its own: it cannot act as the page.
 const REPORT_POLICY: &str = "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; \
     style-src 'unsafe-inline'; img-src data: blob:";
@@ -52,26 +49,6 @@ pub struct Options {
     pub set: Vec<String>,
 }
 
-/// Why there is no console.
-#[derive(Debug)]
-pub enum ConsoleError {
-    /// The address cannot be had.
-    Listen(SocketAddr, std::io::Error),
-    /// Threads or sockets.
-    System(std::io::Error),
-}
-
-impl std::fmt::Display for ConsoleError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            ConsoleError::Listen(address, error) => write!(f, "cannot listen on {address}: {error}"),
-            ConsoleError::System(error) => write!(f, "{error}"),
-        }
-    }
-}
-
-impl std::error::Error for ConsoleError {}
-
 #[derive(Clone)]
 struct Shared {
     hub: Arc<Hub>,
@@ -80,9 +57,7 @@ struct Shared {
 
 /// A console that listens.
 pub struct Console {
-    runtime: tokio::runtime::Runtime,
-    listener: TcpListener,
-    address: SocketAddr,
+    door: Door,
     options: Options,
 }
 
@@ -90,44 +65,25 @@ impl Console {
     /// Takes the address.
     ///
     /// # Errors
-    /// [`ConsoleError`].
-    pub fn new(options: Options) -> Result<Self, ConsoleError> {
-        // One thread: what a page needs is little, and the cores belong to the bench.
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_io()
-            .enable_time()
-            .max_blocking_threads(2)
-            .build();
-        let runtime = runtime.map_err(ConsoleError::System)?;
-        let listener = runtime
-            .block_on(TcpListener::bind(options.listen))
-            .map_err(|e| ConsoleError::Listen(options.listen, e))?;
-        let address = listener.local_addr().map_err(ConsoleError::System)?;
-        Ok(Console { runtime, listener, address, options })
+    /// [`ServeError`].
+    pub fn new(options: Options) -> Result<Self, ServeError> {
+        Ok(Console { door: Door::open(options.listen)?, options })
     }
 
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.door.address()
     }
 
     /// Serves until `stop` is set.
     ///
     /// # Errors
-    /// [`ConsoleError::System`].
-    pub fn serve(self, stop: &AtomicBool) -> Result<(), ConsoleError> {
-        // Whoever waits for a millisecond comes first.
-        let _ = rustix::process::nice(10);
+    /// [`ServeError::System`].
+    pub fn serve(self, stop: &AtomicBool) -> Result<(), ServeError> {
         let o = self.options;
-        let operator = Operator::start(o.bench.clone()).map_err(ConsoleError::System)?;
+        let operator = Operator::start(o.bench.clone()).map_err(ServeError::System)?;
         let hub = Arc::new(Hub::new(o.bench, o.token, o.runs, o.log, o.executable, o.set, operator));
-        let port = self.address.port();
-        let mut hosts: Vec<String> = o.hosts;
-        hosts.push(self.address.to_string());
-        if self.address.ip().is_loopback() {
-            hosts.extend(["localhost", "127.0.0.1", "[::1]"].map(|name| format!("{name}:{port}")));
-        }
-        let shared = Shared { hub: Arc::clone(&hub), hosts: Arc::new(hosts) };
+        let shared = Shared { hub: Arc::clone(&hub), hosts: Arc::new(self.door.hosts(o.hosts)) };
         let mut router = Router::new();
         for file in FILES {
             router = router.route(file.path, get(move || async move { asset(file.kind, file.content) }));
@@ -140,24 +96,7 @@ impl Console {
             .route("/socket", get(socket))
             .layer(middleware::from_fn_with_state(shared.clone(), guard))
             .with_state(shared);
-        self.runtime.block_on(async move {
-            let look = async {
-                loop {
-                    hub.look();
-                    tokio::time::sleep(LOOK).await;
-                }
-            };
-            let stopped = async {
-                while !stop.load(Ordering::Relaxed) {
-                    tokio::time::sleep(Duration::from_millis(50)).await;
-                }
-            };
-            tokio::select! {
-                served = axum::serve(self.listener, router).into_future() => served.map_err(ConsoleError::System),
-                () = look => Ok(()),
-                () = stopped => Ok(()),
-            }
-        })
+        self.door.serve(router, || hub.look(), stop)
     }
 }
 

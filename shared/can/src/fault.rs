@@ -1,5 +1,6 @@
 //! Faults put on the bus on purpose: which message, what, when.
 
+use crate::bus::Queue;
 use crate::mapping::Plan;
 use config::Broken;
 use config::can::{CanFault, FaultKind};
@@ -27,6 +28,16 @@ pub struct Faults {
     pub send: Vec<Vec<Spell>>,
     /// By index of the message received.
     pub receive: Vec<Vec<Spell>>,
+}
+
+/// Puts a fault on a message, beside those it has; what is over by now is forgotten. A delay needs the queue of `late` frames.
+/// Allocates: not for the tick's path.
+pub(crate) fn order(spells: &mut Vec<Spell>, late: &mut Option<Queue>, now_ns: u64, spell: Spell) {
+    spells.retain(|spell| spell.end_ns > now_ns);
+    spells.push(spell);
+    if spell.delay_ns > 0 {
+        late.get_or_insert_with(|| Queue::new(LATE_MAX));
+    }
 }
 
 /// What is wrong with a message at an instant.

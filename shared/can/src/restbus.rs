@@ -66,13 +66,8 @@ impl RestBus {
     /// Puts a fault on message `index` from now on, as a fault campaign orders it. What is over is forgotten. Allocates:
     /// not for the tick's path.
     pub fn inject(&mut self, index: usize, now_ns: u64, spell: fault::Spell) {
-        let (Some(spells), Some(state)) = (self.faults.get_mut(index), self.states.get_mut(index)) else {
-            return;
-        };
-        spells.retain(|spell| spell.end_ns > now_ns);
-        spells.push(spell);
-        if spell.delay_ns > 0 {
-            state.late.get_or_insert_with(|| Queue::new(LATE_MAX));
+        if let (Some(spells), Some(state)) = (self.faults.get_mut(index), self.states.get_mut(index)) {
+            fault::order(spells, &mut state.late, now_ns, spell);
         }
     }
 

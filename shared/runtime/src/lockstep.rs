@@ -5,7 +5,7 @@
 //! end a wait.
 
 use crate::clock::{self, SECOND};
-use crate::{Bound, InputSpec, Model, TickError, When};
+use crate::{Bound, Model, TickError};
 use table::Wait;
 
 /// Models in one process, stepped node by node.
@@ -63,13 +63,11 @@ pub fn follow(
     while !end(n) {
         for node in 0..bound.node_count() {
             let start = clock::now();
-            while let Some(region) = bound.missing(node, n) {
+            while let Some((region, awaited)) = bound.missing(node, n) {
                 let spec = *bound.spec(node);
                 let Some(reader) = bound.reader(node, region) else {
                     return Err(TickError::NotReady { node: spec.name, region, tick: n });
                 };
-                let before = |read: &&InputSpec| read.region == region && read.when == When::Previous;
-                let awaited = n - u64::from(spec.reads.iter().find(before).is_some());
                 let now = clock::now();
                 let limit = start + patience.limit_ns;
                 // Slices, so that a run that was ended meanwhile is noticed.

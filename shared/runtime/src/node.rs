@@ -290,17 +290,13 @@ impl<M: Model + ?Sized> Bound<M> {
         self.missing(node, n).is_none()
     }
 
-    /// The first input of node `node` that has to be there for tick `n` and is not.
-    pub fn missing(&self, node: usize, n: u64) -> Option<RegionId> {
+    /// The first input of node `node` that has to be there for tick `n` and is not, with the tick of it that is needed.
+    pub fn missing(&self, node: usize, n: u64) -> Option<(RegionId, u64)> {
         let node = &self.nodes[node];
-        node.spec
-            .reads
-            .iter()
-            .zip(&node.inputs.0)
-            .find(|(spec, input)| {
-                spec.when.needed(n, self.lockstep).is_some_and(|needed| input.reader.head() <= needed)
-            })
-            .map(|(spec, _)| spec.region)
+        node.spec.reads.iter().zip(&node.inputs.0).find_map(|(spec, input)| {
+            let needed = spec.when.needed(n, self.lockstep)?;
+            (input.reader.head() <= needed).then_some((spec.region, needed))
+        })
     }
 
     /// The reader to wait on for `region`.

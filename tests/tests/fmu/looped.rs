@@ -5,7 +5,7 @@ use assembly::{FmuFault, FmuNode, ServiceKind, build, build_fmus, fmu_part};
 use config::ResolvedBench;
 use fmu::{Cost, FmuError, Stepper};
 use kingpin_tests::fmu::{Abs, Misdeed, Recipe, build as build_fmu};
-use kingpin_tests::support::kingpin;
+use kingpin_tests::support::{self, kingpin, show};
 use record::LogReader;
 use regions::{Payload, RegionId, VehicleState, fmu_flags, model_flags};
 use runtime::lockstep::Chain;
@@ -16,7 +16,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use supervisor::RunPlan;
 use table::{Read, Table, TableInfo};
 
@@ -317,21 +317,8 @@ fn paced(file: &Path, out: &Path, name: &str) -> std::process::Child {
         .unwrap()
 }
 
-fn show(name: &str, region: &str) -> Option<Value> {
-    let output =
-        Command::new(kingpin()).args(["table", "show", "--json", "--name", name, region]).output().unwrap();
-    serde_json::from_slice(&output.stdout).ok()
-}
-
-fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let begin = Instant::now();
-    loop {
-        if let Some(found) = look() {
-            return found;
-        }
-        assert!(begin.elapsed() < Duration::from_secs(60), "waited in vain for {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+fn until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
+    support::until(what, Duration::from_secs(60), look)
 }
 
 #[test]

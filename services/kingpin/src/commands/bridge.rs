@@ -3,8 +3,9 @@
 use crate::commands::console::{Door, refuse, stop_flag};
 use crate::exit::Exit;
 use crate::output;
-use bridge_service::{Bridge, BridgeError, Options};
+use bridge_service::{Bridge, Options};
 use clap::Args;
+use console_service::ServeError;
 
 /// Arguments of `bridge`.
 #[derive(Debug, Args)]
@@ -43,7 +44,7 @@ pub fn bridge(args: &BridgeArgs) -> Exit {
     };
     let bridge = match Bridge::new(options) {
         Ok(bridge) => bridge,
-        Err(error @ BridgeError::Listen(..)) => {
+        Err(error @ ServeError::Listen(..)) => {
             return refuse(Exit::Unavailable, format!("{error}; choose another port with --port"));
         }
         Err(error) => return refuse(Exit::Unavailable, error),

@@ -3,7 +3,7 @@
 use crate::exit::Exit;
 use crate::output;
 use clap::Args;
-use console_service::{Console, ConsoleError, Options, Token};
+use console_service::{Console, Options, ServeError, Token};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -126,7 +126,7 @@ pub fn console(args: &ConsoleArgs) -> Exit {
     };
     let console = match Console::new(options) {
         Ok(console) => console,
-        Err(error @ ConsoleError::Listen(..)) => {
+        Err(error @ ServeError::Listen(..)) => {
             return refuse(Exit::Unavailable, format!("{error}; choose another port with --port"));
         }
         Err(error) => return refuse(Exit::Unavailable, error),
