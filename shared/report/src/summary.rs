@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use metrics::fit::{crossing, gradient};
+use metrics::fit::{gradient, passage};
 use metrics::statistics::{Distribution, mean, peak, range};
 use metrics::tracking::{Tracking, tracking};
 use record::LogReader;
@@ -411,7 +411,8 @@ pub(crate) fn loop_figures(x: &[f64], y: &[f64]) -> LoopFigures {
     let near = 0.1 * peak(x);
     LoopFigures {
         gradient: gradient(x, y, 0.0, near).and_then(|line| known(line.slope)),
-        width_n_m: crossing(x, y, 0.0).and_then(|crossing| known(crossing.width)),
+        // Where the wheel only trembles about the middle there is no loop.
+        width_n_m: passage(x, y, 0.0, near).and_then(|passage| known(passage.width)),
     }
 }
 

@@ -92,29 +92,59 @@ pub struct Crossing {
     pub count: usize,
 }
 
-/// y where x crosses `at`, rising and falling. None unless it does both.
-pub fn crossing(x: &[f64], y: &[f64], at: f64) -> Option<Crossing> {
-    let mut sums = [(0.0, 0_usize); 2];
-    for (x, y) in x.windows(2).zip(y.windows(2)) {
-        let (before, after) = (x[0] - at, x[1] - at);
-        let rising = before < 0.0 && after >= 0.0;
-        let falling = before > 0.0 && after <= 0.0;
-        if !rising && !falling {
-            continue;
-        }
-        let value = y[0] + (y[1] - y[0]) * (before / (before - after));
-        if value.is_finite() {
-            let (sum, count) = &mut sums[usize::from(falling)];
-            *sum += value;
-            *count += 1;
-        }
-    }
-    let [(up, ups), (down, downs)] = sums;
+/// y where x crosses `at` between two neighbouring points, and whether x falls there.
+fn met(x: &[f64], y: &[f64], at: f64) -> Option<(bool, f64)> {
+    let (before, after) = (x[0] - at, x[1] - at);
+    let rising = before < 0.0 && after >= 0.0;
+    let falling = before > 0.0 && after <= 0.0;
+    let value = y[0] + (y[1] - y[0]) * (before / (before - after));
+    ((rising || falling) && value.is_finite()).then_some((falling, value))
+}
+
+/// Sum and number of values met rising and falling, as means. None unless there are both.
+fn means([(up, ups), (down, downs)]: [(f64, usize); 2]) -> Option<Crossing> {
     if ups == 0 || downs == 0 {
         return None;
     }
     let (rising, falling) = (up / ups as f64, down / downs as f64);
     Some(Crossing { rising, falling, width: rising - falling, count: ups + downs })
+}
+
+/// y where x crosses `at`, rising and falling. None unless it does both.
+pub fn crossing(x: &[f64], y: &[f64], at: f64) -> Option<Crossing> {
+    let mut sums = [(0.0, 0_usize); 2];
+    for (x, y) in x.windows(2).zip(y.windows(2)) {
+        if let Some((falling, value)) = met(x, y, at) {
+            let (sum, count) = &mut sums[usize::from(falling)];
+            *sum += value;
+            *count += 1;
+        }
+    }
+    means(sums)
+}
+
+/// As [`crossing`], but only on the way from `least` or more on the one side of `at` to `least` or more on the other: a
+/// signal that trembles about the value crosses it often and says nothing of the loop.
+pub fn passage(x: &[f64], y: &[f64], at: f64, least: f64) -> Option<Crossing> {
+    let mut sums = [(0.0, 0_usize); 2];
+    let (mut side, mut sum, mut count) = (0.0, 0.0, 0_usize);
+    for (x, y) in x.windows(2).zip(y.windows(2)) {
+        if let Some((_, value)) = met(x, y, at) {
+            sum += value;
+            count += 1;
+        }
+        let off = x[1] - at;
+        if off.abs() < least || off.is_nan() {
+            continue;
+        }
+        if off.signum() == -side && count > 0 {
+            let (means, passages) = &mut sums[usize::from(off < 0.0)];
+            *means += sum / count as f64;
+            *passages += 1;
+        }
+        (side, sum, count) = (off.signum(), 0.0, 0);
+    }
+    means(sums)
 }
 
 #[cfg(test)]
@@ -170,5 +200,13 @@ mod tests {
         let found = crossing(&x, &y, 0.0).unwrap();
         assert!((found.width + 8.0 * phase.sin()).abs() < 1e-5, "{found:?}");
         assert_eq!(crossing(&x, &y, 2.0), None);
+        // The same loop, then trembling about the middle: only passages are the loop's.
+        let trembling = (0..5000).map(|i| f64::from(i) * 0.05).map(|w| (0.01 * w.sin(), 0.02 * w.sin()));
+        let (tx, ty): (Vec<f64>, Vec<f64>) = trembling.unzip();
+        let (x, y) = ([x, tx.clone()].concat(), [y, ty.clone()].concat());
+        assert!(crossing(&x, &y, 0.0).unwrap().width.abs() < 0.3 * found.width.abs());
+        let passed = passage(&x, &y, 0.0, 0.1).unwrap();
+        assert!((passed.width - found.width).abs() < 1e-4 && passed.count < found.count + 1, "{passed:?}");
+        assert_eq!(passage(&tx, &ty, 0.0, 0.1), None);
     }
 }
