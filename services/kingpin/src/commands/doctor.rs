@@ -188,7 +188,20 @@ impl Host<'_> {
         )
     }
 
+    /// The kernel's version, as far as it matters.
+    fn kernel(&self) -> Option<(u32, u32)> {
+        let version = self.read("proc/version")?;
+        let mut numbers = version.split_ascii_whitespace().nth(2)?.split(['.', '-']);
+        Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
+    }
+
+    /// Up to Linux 6.11 real-time threads together get a share of each second. From 6.12 on (but for kernels with
+    /// RT_GROUP_SCHED) that setting only bounds what may be asked for; a deadline server on each core sees that ordinary
+    /// tasks get theirs [commit 5f6bd380c7bd, sched/rt: Remove default bandwidth control].
     fn throttling(&self) -> Finding {
+        if self.kernel() >= Some((6, 12)) {
+            return self.fair_server();
+        }
         let value =
             |name: &str| self.read(&format!("proc/sys/kernel/{name}")).and_then(|t| t.parse::<i64>().ok());
         let (found, verdict) = match (value("sched_rt_runtime_us"), value("sched_rt_period_us")) {
@@ -203,6 +216,35 @@ impl Host<'_> {
             found,
             verdict,
             "harmless while the services sleep most of the time, as they do; for spinning services sysctl kernel.sched_rt_runtime_us=-1",
+        )
+    }
+
+    fn fair_server(&self) -> Finding {
+        let servers = "sys/kernel/debug/sched/fair_server";
+        let entries = std::fs::read_dir(self.0.join(servers)).into_iter().flatten().flatten();
+        let cores: Vec<_> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+        let runtime_ns = |core: &String| self.read(&format!("{servers}/{core}/runtime"))?.parse::<u64>().ok();
+        let runtimes: Option<Vec<u64>> = cores.iter().map(runtime_ns).collect();
+        let on = runtimes.map(|all| (all.iter().filter(|ns| **ns > 0).count(), all.iter().max().copied()));
+        let (found, verdict) = match on {
+            Some((_, None)) | None => {
+                ("the kernel's fair servers are not visible".to_owned(), Verdict::Unknown)
+            }
+            Some((0, _)) => ("no core keeps time for ordinary tasks".to_owned(), Verdict::Good),
+            Some((cores, Some(most_ns))) => (
+                format!(
+                    "{cores} cores keep up to {} ms of each second for ordinary tasks",
+                    most_ns / 1_000_000
+                ),
+                Verdict::Limits,
+            ),
+        };
+        finding(
+            "real-time throttling",
+            found,
+            verdict,
+            "for the cores of the services: echo 0 > /sys/kernel/debug/sched/fair_server/cpuN/runtime (sched_rt_runtime_us \
+             no longer matters)",
         )
     }
 
@@ -433,7 +475,7 @@ mod tests {
             ("sys/devices/system/cpu/isolated", "2-5\n"),
             ("sys/devices/system/cpu/nohz_full", "2-5\n"),
             ("sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "performance\n"),
-            ("proc/sys/kernel/sched_rt_runtime_us", "-1\n"),
+            ("sys/kernel/debug/sched/fair_server/cpu0/runtime", "0\n"),
             ("sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc\n"),
             ("sys/devices/system/cpu/cpu0/cpuidle/state0/name", "POLL\n"),
             ("sys/devices/system/cpu/cpu0/cpuidle/state0/latency", "0\n"),
@@ -458,6 +500,19 @@ mod tests {
         for item in ["isolated cores", "frequency governor", "clock source", "real-time throttling"] {
             assert_eq!(verdict(&dark, item), Some(Verdict::Unknown), "{item}");
         }
+        let older =
+            [("proc/version", "Linux version 6.1.0-35-rt"), ("proc/sys/kernel/sched_rt_runtime_us", "-1")];
+        assert_eq!(verdict(&host(&older), "real-time throttling"), Some(Verdict::Good));
+        let newer = [
+            ("proc/version", "Linux version 6.18.44-1"),
+            ("proc/sys/kernel/sched_rt_runtime_us", "-1"),
+            ("sys/kernel/debug/sched/fair_server/cpu0/runtime", "0"),
+            ("sys/kernel/debug/sched/fair_server/cpu1/runtime", "50000000"),
+        ];
+        let found = host(&newer);
+        assert_eq!(verdict(&found, "real-time throttling"), Some(Verdict::Limits));
+        assert!(found.iter().any(|f| f.found.starts_with("1 cores keep up to 50 ms")));
+        assert_eq!(verdict(&host(&newer[..2]), "real-time throttling"), Some(Verdict::Unknown));
         let guest = host(&[
             ("proc/cpuinfo", "flags\t\t: fpu hypervisor tsc\n"),
             ("proc/stat", "cpu  80 0 10 5 0 0 0 5 0 0\n"),
