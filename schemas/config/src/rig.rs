@@ -4,8 +4,8 @@
 //! `geometry` and `control` describe what the controller knows of the machine; `plant` is the virtual
 //! machine itself, so that control can be tried on a machine that differs from what it was told.
 
-use crate::unit::LinearFriction;
-use crate::{Check, Checker};
+use crate::unit::{LinearFriction, SteeringUnit};
+use crate::{Broken, Check, Checker};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -540,6 +540,20 @@ pub struct Limits {
 fn whole(value: f64, step: f64) -> bool {
     let steps = value / step;
     (steps - steps.round()).abs() < 1e-6
+}
+
+/// Checks a rig with its steering unit and the period they are stepped with. [s], [1e-4, 1e-2]
+///
+/// # Errors
+/// Every broken rule.
+pub fn check_rig(rig: &Rig, unit: &SteeringUnit, period_s: f64) -> Result<(), Vec<Broken>> {
+    let mut checker = Checker::default();
+    rig.check(&mut checker);
+    unit.check(&mut checker);
+    let range = (1e-4..=1e-2).contains(&period_s);
+    checker.require(range, "period_s", "must be between 0.0001 s and 0.01 s");
+    let broken = checker.into_found();
+    if broken.is_empty() { Ok(()) } else { Err(broken) }
 }
 
 impl Check for Rig {

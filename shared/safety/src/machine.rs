@@ -10,9 +10,9 @@ use crate::input::{OperatorRequest, SafetyInput, SafetyOutput};
 use crate::state::BenchState;
 use crate::trip::{Trip, TripCode};
 use crate::watch::{Finding, Watch};
-use config::rig::{Limits, Rig};
+use config::Broken;
+use config::rig::{Limits, Rig, check_rig};
 use config::unit::SteeringUnit;
-use config::{Broken, Check, Checker};
 use rig_control::{Fade, RigCommand, SteerCommand};
 use rig_plant::Actuation;
 use rig_plant::state::{StateReader, StateWriter};
@@ -48,15 +48,7 @@ impl Safety {
         period_s: f64,
         virtual_rig: bool,
     ) -> Result<Self, Vec<Broken>> {
-        let mut checker = Checker::default();
-        rig.check(&mut checker);
-        unit.check(&mut checker);
-        let range = (1e-4..=1e-2).contains(&period_s);
-        checker.require(range, "period_s", "must be between 0.0001 s and 0.01 s");
-        let broken = checker.into_found();
-        if !broken.is_empty() {
-            return Err(broken);
-        }
+        check_rig(rig, unit, period_s)?;
         Ok(Self {
             limits: rig.limits.clone(),
             period_s,

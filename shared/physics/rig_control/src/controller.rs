@@ -11,9 +11,9 @@ use crate::height::HeightLoop;
 use crate::hub::{HubObserver, HubState};
 use crate::rack::{RackObserver, SteerReference};
 use crate::steer::SteerLoop;
-use config::rig::{Control, Rig, SteerDevice, Switches};
+use config::Broken;
+use config::rig::{Control, Rig, SteerDevice, Switches, check_rig};
 use config::unit::SteeringUnit;
-use config::{Broken, Check, Checker};
 use rig_plant::linkage::{ArmPose, RodPose};
 use rig_plant::state::{StateReader, StateWriter};
 use rig_plant::{Actuation, Channel, Linkage, Measurement};
@@ -68,15 +68,7 @@ impl RigController {
         period_s: f64,
         output_phase_s: f64,
     ) -> Result<Self, Vec<Broken>> {
-        let mut checker = Checker::default();
-        rig.check(&mut checker);
-        unit.check(&mut checker);
-        let range = (1e-4..=1e-2).contains(&period_s);
-        checker.require(range, "period_s", "must be between 0.0001 s and 0.01 s");
-        let broken = checker.into_found();
-        if !broken.is_empty() {
-            return Err(broken);
-        }
+        check_rig(rig, unit, period_s)?;
         // What the loops see as delay: transport, output phase, and half a period where commands are interpolated.
         let mut control = rig.control.clone();
         control.command_delay_s += output_phase_s;
