@@ -3,6 +3,7 @@
 //! What several of them need stands in [`support`].
 
 pub mod browser;
+pub mod csv;
 pub mod fmu;
 pub mod socket;
 pub mod support;

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
 use config::axle::{Axle, Bushing};
+use kingpin_tests::csv::Table;
 use kingpin_tests::support::{kingpin, reference};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,33 +15,6 @@ fn run(args: &[&str]) -> Output {
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// A CSV of numbers.
-struct Table {
-    names: Vec<String>,
-    rows: Vec<Vec<f64>>,
-}
-
-impl Table {
-    fn read(path: &Path) -> Self {
-        let text = std::fs::read_to_string(path).unwrap();
-        let mut lines = text.lines();
-        let names = lines.next().unwrap().split(',').map(str::to_owned).collect();
-        let rows = lines.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect();
-        Self { names, rows }
-    }
-
-    fn column(&self, name: &str) -> Option<Vec<f64>> {
-        let at = self.names.iter().position(|n| n == name)?;
-        Some(self.rows.iter().map(|row| row[at]).collect())
-    }
-
-    /// Largest |value| of the columns whose name starts with `prefix`.
-    fn peak(&self, prefix: &str) -> f64 {
-        let of = self.names.iter().enumerate().filter(|(_, n)| n.starts_with(prefix));
-        of.flat_map(|(at, _)| self.rows.iter().map(move |row| row[at].abs())).fold(0.0, f64::max)
-    }
 }
 
 fn path_text(path: &Path) -> &str {
@@ -96,7 +70,7 @@ const POSITIONS: [&str; 17] = [
 
 fn compare(file: &str, expected: &Table, got: &Table) {
     assert_eq!(expected.rows.len(), got.rows.len());
-    assert!(got.column("status").unwrap().iter().all(|s| *s == 0.0));
+    assert!(got.column("status").iter().all(|s| *s == 0.0));
     assert_eq!(got.names.last().unwrap(), "status");
     let compliant = file.contains("compliant");
     let (mut positions, mut forces, mut columns) = (0.0_f64, 0.0_f64, 0);
@@ -105,9 +79,10 @@ fn compare(file: &str, expected: &Table, got: &Table) {
         if name == "s" {
             continue;
         }
-        let ours = got.column(name).unwrap_or_else(|| panic!("{file}: no column {name}"));
+        assert!(got.has(name), "{file}: no column {name}");
+        let ours = got.column(name);
         columns += 1;
-        for (row, (a, b)) in expected.column(name).unwrap().iter().zip(&ours).enumerate() {
+        for (row, (a, b)) in expected.column(name).iter().zip(&ours).enumerate() {
             let off = (a - b).abs();
             if POSITIONS.iter().any(|p| name.starts_with(p)) {
                 positions = positions.max(off);
@@ -301,8 +276,8 @@ fn curves_are_written_with_units_and_slopes() {
     assert!(ended.status.success(), "{}", text(&ended.stderr));
     let travel = Table::read(&into.join("travel.csv"));
     assert_eq!(travel.rows.len(), 41);
-    let (z, toe) = (travel.column("wheel_travel_m").unwrap(), travel.column("toe_rad_L").unwrap());
-    let slope = travel.column("toe_rad_per_mm_L").unwrap();
+    let (z, toe) = (travel.column("wheel_travel_m"), travel.column("toe_rad_L"));
+    let slope = travel.column("toe_rad_per_mm_L");
     for k in 1..40 {
         let difference = (toe[k + 1] - toe[k - 1]) / (1e3 * (z[k + 1] - z[k - 1]));
         assert!(
@@ -314,7 +289,7 @@ fn curves_are_written_with_units_and_slopes() {
     // The published geometry's bump steer.
     assert!((toe[40].to_degrees().abs() - 1.8).abs() < 0.1, "{}", toe[40].to_degrees());
     let rack = Table::read(&into.join("rack.csv"));
-    assert!(rack.column("scrub_radius_m_R").is_some() && rack.column("rack_m").unwrap()[40] == 0.07);
+    assert!(rack.has("scrub_radius_m_R") && rack.column("rack_m")[40] == 0.07);
     let map = Table::read(&into.join("kinematics_map.csv"));
     assert_eq!(map.rows.len(), 33 * 41);
     assert!(std::fs::read_to_string(into.join("curves.html")).unwrap().contains("Caster trail"));
@@ -384,13 +359,13 @@ fn rows_out_of_reach_are_flagged_and_the_others_solved() {
     assert_eq!(ended.status.code(), Some(1), "{told}");
     assert!(told.contains("in.csv:3: step 2 (with stabiliser)") && told.contains("tie rod"), "{told}");
     let table = Table::read(&output);
-    let status = table.column("status").unwrap();
+    let status = table.column("status");
     assert!(status[0] == 0.0 && status[1] > 0.0 && status[2] == 0.0, "{status:?}");
     assert!(table.rows.iter().flatten().all(|x| x.is_finite()));
     for name in
         ["tie_arb_L", "tie_noarb_R", "tie_map_L", "tie_simple_R", "tie_map_thesis_L", "rack_force_map"]
     {
-        assert!(table.column(name).is_some(), "{name}");
+        assert!(table.has(name), "{name}");
     }
 }
 
@@ -419,9 +394,9 @@ fn each_method_alone_gives_what_all_give() {
     for method in ["multibody", "map", "simple", "map_thesis"] {
         let one = solve(method);
         for (name, value) in one.names.iter().zip(&one.rows[0]) {
-            assert_eq!(all.column(name).unwrap()[0], *value, "{method} {name}");
+            assert_eq!(all.column(name)[0], *value, "{method} {name}");
         }
         let stem = if method == "multibody" { "tie_L".to_owned() } else { format!("tie_{method}_L") };
-        assert!(one.column(&stem).unwrap()[0].abs() > 100.0, "{stem}");
+        assert!(one.column(&stem)[0].abs() > 100.0, "{stem}");
     }
 }

@@ -1,6 +1,7 @@
 //! The tyre commands, run as a user runs them: every reference table, any order of columns, bad input, the page.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
+use kingpin_tests::csv::Table;
 use kingpin_tests::support::{kingpin, reference};
 use std::path::Path;
 use std::process::{Command, Output};
@@ -14,25 +15,6 @@ fn run(args: &[&str]) -> Output {
 
 fn told(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-struct Table {
-    names: Vec<String>,
-    rows: Vec<Vec<f64>>,
-}
-
-impl Table {
-    fn parse(text: &str) -> Self {
-        let mut lines = text.lines();
-        let names = lines.next().unwrap().split(',').map(str::to_owned).collect();
-        let rows = lines.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect();
-        Self { names, rows }
-    }
-
-    fn column(&self, name: &str) -> Vec<f64> {
-        let at = self.names.iter().position(|n| n == name).unwrap_or_else(|| panic!("no column {name}"));
-        self.rows.iter().map(|row| row[at]).collect()
-    }
 }
 
 fn evaluate(tir: &str, input: &Path, output: &Path, mode: &str) -> Output {
@@ -50,8 +32,8 @@ fn check(tyre: &str, mode: &str) {
         let output = folder.path().join("out.csv");
         let ended = evaluate(tir.to_str().unwrap(), &input, &output, mode);
         assert_eq!(ended.status.code(), Some(0), "{}", told(&ended));
-        let theirs = Table::parse(&std::fs::read_to_string(&input).unwrap());
-        let ours = Table::parse(&std::fs::read_to_string(&output).unwrap());
+        let theirs = Table::read(&input);
+        let ours = Table::read(&output);
         assert_eq!(ours.names, theirs.names, "columns as the reference's");
         assert_eq!(ours.rows.len(), theirs.rows.len());
         let mut line = String::new();
@@ -127,7 +109,7 @@ fn turn_slip_modes_do_something_where_the_file_has_it() {
         let output = folder.path().join(mode);
         let ended = evaluate(tir.to_str().unwrap(), &input, &output, mode);
         assert_eq!(ended.status.code(), Some(0), "{}", told(&ended));
-        Table::parse(&std::fs::read_to_string(output).unwrap()).column("Mz_Nm")[0]
+        Table::read(&output).column("Mz_Nm")[0]
     });
     assert!((forces[0] / forces[1] - 1.0).abs() < 0.05, "{forces:?}");
     assert!((forces[2] - forces[0]).abs() > 1.0 && (forces[3] - forces[1]).abs() > 1.0, "{forces:?}");

@@ -1,6 +1,7 @@
 //! The vehicle commands, run as a user runs them.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
+use kingpin_tests::csv::Table;
 use kingpin_tests::support::{kingpin, reference};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -12,30 +13,6 @@ fn run(args: &[&str]) -> Output {
 
 fn told(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-struct Table {
-    names: Vec<String>,
-    rows: Vec<Vec<f64>>,
-}
-
-impl Table {
-    fn read(path: &Path) -> Self {
-        let text = std::fs::read_to_string(path).unwrap();
-        let mut lines = text.lines();
-        let names = lines.next().unwrap().split(',').map(str::to_owned).collect();
-        let rows = lines.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect();
-        Self { names, rows }
-    }
-
-    fn column(&self, name: &str) -> Vec<f64> {
-        let at = self.names.iter().position(|n| n == name).unwrap_or_else(|| panic!("no column {name}"));
-        self.rows.iter().map(|row| row[at]).collect()
-    }
-
-    fn last(&self, name: &str) -> f64 {
-        *self.column(name).last().unwrap()
-    }
 }
 
 /// A left step of the road wheels at 80 km/h, 3 s.
