@@ -106,3 +106,17 @@ pub fn until<T>(what: &str, patience: Duration, mut look: impl FnMut() -> Option
         std::thread::sleep(Duration::from_millis(20));
     }
 }
+
+/// Files that the bench of that name has in shared memory and in its directory of locks: none when nobody runs it.
+pub fn left_over(name: &str) -> Vec<String> {
+    let files = |directory: &Path| {
+        let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+        entries.map(|entry| entry.path().display().to_string()).collect::<Vec<_>>()
+    };
+    let of_bench = |file: &String| {
+        ["kingpin.", "kingpin_link."].iter().any(|of| file.contains(&format!("/{of}{name}.")))
+    };
+    let memory = files(Path::new("/dev/shm")).into_iter().filter(of_bench);
+    let locks = files(&table::base_from_environment().join(name));
+    memory.chain(locks).collect()
+}

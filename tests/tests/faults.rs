@@ -2,7 +2,7 @@
 //! either the expected one or said to be the host's.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, missing_docs)]
 
-use kingpin_tests::support::{self, kingpin, show};
+use kingpin_tests::support::{self, kingpin, left_over, show};
 use record::LogReader;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -66,15 +66,6 @@ fn json(output: &Output) -> Value {
     })
 }
 
-fn left_over(name: &str) -> Vec<String> {
-    let prefix = format!("kingpin.{name}.");
-    std::fs::read_dir("/dev/shm")
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-        .filter(|file| file.starts_with(&prefix))
-        .collect()
-}
-
 fn campaign(name: &str, campaign: &str, out: &Path, more: &[&str]) -> (Output, Value) {
     let output = Command::new(kingpin())
         .args(["fault", campaign, "--json", "--name", name])
@@ -111,6 +102,19 @@ fn seeded_kills_in_real_time_are_all_survived() {
         assert!(summary["stepped_again"][service]["ticks"].as_u64().unwrap() > 1000);
     }
     assert!(folder.path().join("f/faults.html").is_file());
+    assert_eq!(left_over(&name), Vec::<String>::new());
+}
+
+/// What another program does to the memory of the table costs at most the ticks that it hits.
+#[test]
+fn spoilt_memory_is_survived_in_every_place_of_a_region() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let name = own("t-spoilt");
+    let (output, summary) = campaign(&name, "spoilt_memory", &folder.path().join("f"), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", failures(&summary));
+    let places = summary["judgements"].as_array().unwrap().iter().filter(|j| j["outcome"] == "passed");
+    assert_eq!(places.count(), 34);
     assert_eq!(left_over(&name), Vec::<String>::new());
 }
 

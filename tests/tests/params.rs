@@ -166,14 +166,16 @@ fn run(args: &[&str]) -> (Option<i32>, String, String) {
 fn a_scenario_with_bad_changes_is_refused_before_it_starts() {
     let changes = r#"parameters=[{type="set", at_s=1.0, path="unit.assist_scal", value=0.5},
         {type="set", at_s=2.0, path="unit.assist_scale", value=50.0}]"#;
-    let (code, _, said) = run(&["run", "slalom_120", "--lockstep", "--set", changes]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("parameters[0]") && said.contains("did you mean unit.assist_scale"), "{said}");
-    assert!(said.contains("parameters[1]") && said.contains("must be in [0, 1.5]"), "{said}");
+    for command in [&["run", "slalom_120", "--lockstep"][..], &["check", "slalom_120"]] {
+        let (code, _, said) = run(&[command, &["--set", changes]].concat());
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains("parameters[0]") && said.contains("did you mean unit.assist_scale"), "{said}");
+        assert!(said.contains("parameters[1]") && said.contains("must be in [0, 1.5]"), "{said}");
+    }
 }
 
 fn link_files(name: &str) -> usize {
-    let prefix = format!("kingpin_link_{name}_");
+    let prefix = format!("kingpin_link.{name}.");
     let files = std::fs::read_dir("/dev/shm").unwrap();
     files.filter(|f| f.as_ref().unwrap().file_name().to_string_lossy().starts_with(&prefix)).count()
 }

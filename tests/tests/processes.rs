@@ -2,7 +2,7 @@
 //! the machine may be slow, the order of events may not change.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
-use kingpin_tests::support::{self, kingpin, show};
+use kingpin_tests::support::{self, kingpin, left_over, show};
 use record::LogReader;
 use regions::model_flags;
 use rustix::process::{Pid, Signal, kill_process};
@@ -73,15 +73,6 @@ fn kill(pid: u64, signal: Signal) {
 /// A bench name that no other run of these tests uses.
 fn own(name: &str) -> String {
     format!("{name}-{}", std::process::id())
-}
-
-fn left_over(name: &str) -> Vec<String> {
-    let prefix = format!("kingpin.{name}.");
-    std::fs::read_dir("/dev/shm")
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-        .filter(|file| file.starts_with(&prefix))
-        .collect()
 }
 
 const IDLE: u64 = 1;

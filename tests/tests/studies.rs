@@ -253,7 +253,8 @@ thread.join()
 assert counted > 20, counted
 assert again["vehicle_state.yaw_rad"].value.tobytes() == run["vehicle_state.yaw_rad"].value.tobytes()
 
-# Ctrl-C ends a run.
+# Ctrl-C ends a run. Who started this in the background may have had the signal ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 begin = time.monotonic()
 timer = threading.Timer(1.5, lambda: os.kill(os.getpid(), signal.SIGINT))
 timer.start()

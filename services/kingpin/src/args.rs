@@ -41,7 +41,7 @@ pub enum Command {
     /// Compare two lockstep logs bit by bit
     Compare(CompareArgs),
     /// Solve a suspension on its own: poses, joint and tie-rod forces, curves, methods compared
-    Suspension(SuspensionArgs),
+    Suspension(crate::commands::suspension::SuspensionArgs),
     /// Functional models: check, compose, simulate, compare with a measurement, draw
     Model(crate::commands::ModelArgs),
     /// Evaluate a tyre on its own: tables of contacts, curves
@@ -57,9 +57,9 @@ pub enum Command {
     /// Run a parameter study on all cores: a table of figures over parameters, resumable
     Sweep(crate::commands::sweep::SweepArgs),
     /// Run a fault campaign: kill, stop, stall, spoil, and check what the bench makes of it
-    Fault(FaultArgs),
+    Fault(crate::commands::fault::FaultArgs),
     /// Measure timing: the rig's wake-ups beside bare timers in the same run
-    Bench(BenchArgs),
+    Bench(crate::commands::bench::BenchArgs),
     /// Say what this host lacks for hard real time, and what to do about it
     Doctor(DoctorArgs),
     /// Take over a running bench whose supervisor died
@@ -139,125 +139,6 @@ pub struct RunArgs {
     /// Let the services obey the orders of a fault campaign
     #[arg(long, hide = true)]
     pub faults: bool,
-}
-
-/// Arguments of `fault`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = FAULT_HELP)]
-pub struct FaultArgs {
-    /// A shipped campaign (see `kingpin list campaigns`) or a TOML file
-    pub campaign: String,
-    /// Replace a value of the campaign: `seed=7`, `faults_per_run=10`; may be repeated
-    #[arg(long, value_name = "PATH=VALUE")]
-    pub set: Vec<String>,
-    /// Directory for results and logs [default: runs/<campaign>-<date>-<time>]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Name of the bench
-    #[arg(long, default_value = "fault", value_name = "NAME")]
-    pub name: String,
-    /// Keep the logs of runs in which all was as expected, too
-    #[arg(long)]
-    pub keep: bool,
-    /// Print the result as JSON on standard output
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// What `fault --help` adds.
-const FAULT_HELP: &str = "\
-Each fault is made in undisturbed running, when and where the seed says, and judged by the log of the run and by an
-observer of its own who reads the table:
-
-  kill, torn_write   the rig holds no later than one output phase behind its staleness limit, counted in output
-                     phases that it executed itself; the force fades as the rig file says, steer torque off, heights
-                     frozen; the service is there again and the loop runs; vehicle and multibody states equal, bit
-                     for bit, those of a model that never died and had the same inputs; no torn slot is ever read.
-                     Rig: comes up off or idle at zero force and starts only when asked. Supervisor: attach takes
-                     over, nothing else happens. Logger: no tick is missing in the log.
-  stop, stall, late  as kill, if longer than the limit; else nothing but counts; every missed tick is stepped
-  corrupt            no nonsense is used: refused, held, and stale when it lasts
-  scribble           another program writes into the table's memory: who has a region open goes on, a spoilt tick is
-                     missing, a spoilt head is put right by the next write, a header by the supervisor
-  sensor             trips with a sensor's code, or is within tolerance (said); runs again when acknowledged
-  disk_full          the loop runs on; what is lost is counted, what is logged is readable
-  clock_step         nothing: time is monotonic; all files of the log keep one clock origin
-  can                a message of the mapping is dropped, delayed, its counter stuck or its checksum wrong: whoever
-                     receives it counts that (the ECU says so in its diagnosis), the message comes back, the loop
-                     never notices; the CAN service itself may be killed and stopped, too
-
-A fault during which the host itself stalled the rig for more ticks than the limit says nothing about the bench: it is
-counted as `host stalled`, not as passed, and made again. Exit code 1 if any fault had another reaction than expected.
-
-Results in the directory: faults.json, faults.html (force, state, staleness around the faults), logs of failed runs.
-
-Examples:
-  kingpin fault kills_30
-  kingpin fault kills_1000 --json
-  kingpin fault lockstep_mix --set seed=7 --keep
-  kingpin fault can_paced";
-
-/// Arguments of `bench`.
-#[derive(Debug, ClapArgs)]
-pub struct BenchArgs {
-    /// What to measure.
-    #[command(subcommand)]
-    pub command: BenchCommand,
-}
-
-/// Commands of `bench`.
-#[derive(Debug, Subcommand)]
-pub enum BenchCommand {
-    /// Wake-ups, phases and chain latency of the process set beside bare timer threads
-    Jitter(BenchJitterArgs),
-}
-
-/// Arguments of `bench jitter`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = "\
-Blocks of the process set and of a bare timer thread alternate, on the same core, at the same priority, with the same
-call to sleep (20 us of spinning before the time aimed at), so that both see the same host; a third, shorter kind of
-block does not spin, as cyclictest does not. Times are of wake-ups after the time aimed at, of the tick only; the chain
-is from the rig's sample to the published suspension state; the margin is what is left before the output phase.
-Ratios of p50, p99 and p99.9 come with a 95 % interval from drawing whole blocks with replacement.
-
-Results in the directory: jitter.json, jitter.html.
-
-Examples:
-  kingpin bench jitter --duration 60
-  kingpin bench jitter --cores 0,1 --duration 1000 --load       10^6 ticks under stress
-  kingpin bench jitter --period 0.25 --duration 30              at 4 kHz")]
-pub struct BenchJitterArgs {
-    /// Cores: of the rig and the bare timer, then of vehicle and multibody [default: wherever the kernel puts them]
-    #[arg(long, value_delimiter = ',', value_name = "CORE[,CORE]")]
-    pub cores: Vec<usize>,
-    /// Length of each of the two series [s]
-    #[arg(long, default_value_t = 60.0, value_name = "S")]
-    pub duration: f64,
-    /// Length of a block [s]
-    #[arg(long, default_value_t = 10.0, value_name = "S")]
-    pub block: f64,
-    /// Stress all cores meanwhile: computing, cache misses, memory traffic, disk writes
-    #[arg(long)]
-    pub load: bool,
-    /// Period: 1, 0.5 or 0.25 [ms]
-    #[arg(long, default_value_t = 1.0, value_name = "MS")]
-    pub period: f64,
-    /// SCHED_FIFO priority of rig and bare timer
-    #[arg(long, default_value_t = 60, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=98))]
-    pub priority: i32,
-    /// Scenario of the process set
-    #[arg(long, default_value = "slalom_120", value_name = "NAME")]
-    pub scenario: String,
-    /// Name of the bench
-    #[arg(long, default_value = "jitter", value_name = "NAME")]
-    pub name: String,
-    /// Directory for the results [default: runs/jitter-<date>-<time>]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Print the result as JSON on standard output
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// Arguments of `doctor`.
@@ -616,169 +497,6 @@ pub struct CompareArgs {
     /// Another
     pub b: PathBuf,
     /// As JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// What `--help` of the suspension commands says of their files.
-const SUSPENSION_FILES: &str = "\
-AXLE is a TOML axle file, the bare name of a shipped one (see `kingpin list suspensions`), or a hardpoint \
-.json file (points by name, left and right), which is read as it is.
-
-Frames and signs: body axes x forward, y left, z up, origin midway between the wheel centres at design, SI \
-units. rack: + to the left. zL, zR: wheel-centre height minus design, + up. Fxk_L .. Mzk_R: force and moment \
-of the wheel on the knuckle at the wheel centre, in the knuckle's axes. toe + in, camber + top outward, \
-caster + top rearward, kpi + top inboard, steer + to the left. Axial forces + in tension; ball-joint forces \
-act on the knuckle; rack_force is what the drive applies to the rack, + to the left.
-
-Examples:
-  kingpin suspension describe compact_strut
-  kingpin suspension solve --axle compact_strut --input in.csv --output out.csv --method all
-  kingpin suspension curves --axle sedan_double_wishbone --output curves
-  kingpin suspension compare --axle hardpoints.json --reference measured.csv --output compare.html";
-
-/// Arguments of `suspension`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = SUSPENSION_FILES)]
-pub struct SuspensionArgs {
-    /// What to do.
-    #[command(subcommand)]
-    pub command: SuspensionCommand,
-}
-
-/// Commands of `suspension`.
-#[derive(Debug, Subcommand)]
-pub enum SuspensionCommand {
-    /// Solve every row of a CSV: positions, alignment, forces
-    Solve(SuspensionSolveArgs),
-    /// Alignment curves over wheel travel and rack, and the kinematics map of a vehicle model
-    Curves(SuspensionCurvesArgs),
-    /// Bodies and constraints of an axle's models
-    Describe(SuspensionDescribeArgs),
-    /// The tie-rod force methods against a reference CSV
-    Compare(SuspensionCompareArgs),
-    /// Compliance of an axle with bushings, as a car file has it
-    Compliance(SuspensionComplianceArgs),
-}
-
-/// Arguments of `suspension solve`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = SUSPENSION_SOLVE_HELP)]
-pub struct SuspensionSolveArgs {
-    /// Axle: TOML file, shipped name or hardpoint .json
-    #[arg(long, value_name = "AXLE")]
-    pub axle: String,
-    /// Rows to solve: columns rack, zL, zR; optional step and Fxk_L .. Mzk_R; other columns are not read
-    #[arg(long, value_name = "FILE.csv")]
-    pub input: PathBuf,
-    /// Where to write the results
-    #[arg(long, value_name = "FILE.csv")]
-    pub output: PathBuf,
-    /// Tie-rod force method
-    #[arg(long, value_enum, default_value_t = SuspensionMethod::Multibody)]
-    pub method: SuspensionMethod,
-    /// Hold the springs at their design length instead of the wheels at their heights (axles with bushings
-    /// only); rack, zL and zR may then be left out
-    #[arg(long)]
-    pub lock_springs: bool,
-}
-
-/// What `suspension solve --help` adds.
-const SUSPENSION_SOLVE_HELP: &str = "\
-Columns written: step, rack, zL, zR; positions lbj_, ubj_, to_ (tie-rod outer ball), wc_, cp_ with _x _y _z \
-and _L _R; q0..q3; steer, toe, camber, caster, kpi; spring_length or strut_length; arb_angle; loads Fxk.., \
-Fxb..; tie, spring, Fubj or Ftop, Flbj, droplink, rack_force, arb_torque. An axle with a stabiliser has each \
-force twice: _arb with it, _noarb without. An axle with bushings has dtoe, dcamber and defl_<point> too. \
-For a virtual kingpin axis (five-link), lbj and ubj are points of it. The older methods write tie_map, \
-tie_map_thesis, tie_simple and rack_force_<method>.
-
-Last column: status, 0 where solved, else 1 not finite, 2 out of reach, 3 singular, 4 beyond a dead point; \
-such a row holds the last solved one's results and makes the exit code 1.
-
-AXLE is a TOML axle file, the bare name of a shipped one, or a hardpoint .json file, which is read as it is. \
-Frames and signs: see `kingpin suspension --help`.";
-
-/// Tie-rod force methods.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SuspensionMethod {
-    /// Constraint forces of the multibody model
-    Multibody,
-    /// Alignment from one-dimensional maps, moment about the kingpin
-    Map,
-    /// Constant arm and conversion coefficients
-    Simple,
-    /// The map method as printed in its source, multiplying by the cosine where equilibrium divides
-    #[value(name = "map_thesis")]
-    MapThesis,
-    /// All four
-    All,
-}
-
-/// Arguments of `suspension curves`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = SUSPENSION_FILES)]
-pub struct SuspensionCurvesArgs {
-    /// Axle: TOML file, shipped name or hardpoint .json
-    #[arg(long, value_name = "AXLE")]
-    pub axle: String,
-    /// Directory for travel.csv, rack.csv, kinematics_map.csv and curves.html; made if absent
-    #[arg(long, value_name = "DIR")]
-    pub output: PathBuf,
-    /// Wheel travel to either side of design [m]
-    #[arg(long, default_value_t = 0.08, value_name = "M")]
-    pub travel: f64,
-    /// Rack displacement to either side [default: the axle's stroke] [m]
-    #[arg(long, value_name = "M")]
-    pub rack: Option<f64>,
-    /// Points of a curve
-    #[arg(long, default_value_t = 161, value_name = "N", value_parser = clap::value_parser!(u32).range(3..=10_001))]
-    pub points: u32,
-}
-
-/// Arguments of `suspension describe`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = SUSPENSION_FILES)]
-pub struct SuspensionDescribeArgs {
-    /// Axle: TOML file, shipped name or hardpoint .json
-    #[arg(value_name = "AXLE")]
-    pub axle: String,
-    /// As JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `suspension compliance`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = SUSPENSION_FILES)]
-pub struct SuspensionComplianceArgs {
-    /// Axle with bushings: TOML file or shipped name
-    #[arg(value_name = "AXLE")]
-    pub axle: String,
-    /// Vertical load of each wheel [N]
-    #[arg(long, default_value_t = 4000.0, value_name = "N")]
-    pub load_n: f64,
-    /// As JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `suspension compare`.
-#[derive(Debug, ClapArgs)]
-#[command(after_help = SUSPENSION_FILES)]
-pub struct SuspensionCompareArgs {
-    /// Axle: TOML file, shipped name or hardpoint .json
-    #[arg(long, value_name = "AXLE")]
-    pub axle: String,
-    /// Reference: inputs as for `solve`, and the columns to compare with, named as `solve` writes them
-    #[arg(long, value_name = "FILE.csv")]
-    pub reference: PathBuf,
-    /// Hold the springs at their design length, as in `solve`
-    #[arg(long)]
-    pub lock_springs: bool,
-    /// Write the figures there
-    #[arg(long, value_name = "FILE.html")]
-    pub output: Option<PathBuf>,
-    /// Print the errors as JSON
     #[arg(long)]
     pub json: bool,
 }

@@ -138,13 +138,9 @@ impl Logger {
         let mut messages = 0;
         for track in &mut self.tracks {
             let head = track.reader.head();
-            // A head whose tick is not there was spoilt by somebody; the next write puts it right. Until then only what is
-            // there is taken, and nothing is given up.
-            let newest = head.checked_sub(1).map(|newest| track.reader.read(newest, &mut track.words));
-            let sound = newest.is_none_or(|read| read == Read::Ready);
             // A logger that was away for longer than the history loses what was overwritten: counted below.
             let kept = head.saturating_sub(track.reader.depth() as u64);
-            if track.next < kept && sound {
+            if track.next < kept {
                 if track.dense {
                     self.status.lost_count += kept - track.next;
                 }
@@ -152,7 +148,6 @@ impl Logger {
             }
             for n in track.next..head.min(track.next + BATCH) {
                 match track.reader.read(n, &mut track.words) {
-                    Read::Missing | Read::Overwritten if !sound => break,
                     Read::Ready => {
                         if !self.log.write(track.id, n, &track.words) && track.dense {
                             self.status.lost_count += 1;

@@ -162,8 +162,9 @@ pub(crate) fn attach(
     let running =
         [RegionId::RigMeasurement, RegionId::VehicleState, RegionId::SuspensionState, RegionId::LoggerStatus]
             .map(alive);
-    let can = [("can", alive(RegionId::Can))];
-    let optional = if manifest.resolved.can.is_some() { &can[..] } else { &[] };
+    let can = manifest.resolved.can.is_some().then_some(("can", RegionId::Can));
+    let fmus = FMU_SERVICES.into_iter().zip(regions::FMUS).take(manifest.resolved.fmus.len());
+    let optional: Vec<_> = can.into_iter().chain(fmus).map(|(service, id)| (service, alive(id))).collect();
     if t0 == 0 || running.iter().all(Option::is_none) {
         return Err(no_run(format!(
             "none of its services runs any more; `kingpin blackbox --name {0}` saves its last seconds, \
@@ -199,7 +200,7 @@ pub(crate) fn attach(
         attach.restart_delay_ns,
         running,
         if spoken.is_some() { last.restarts } else { [0; 4] },
-        optional,
+        &optional,
     );
     let now = grid.tick_at(clock::now());
     let alone_s = now.saturating_sub(last.tick) as f64 * period_s;

@@ -11,8 +11,9 @@ pub(crate) type Service = PortFactory<ipc::Service, [u8], (), [u8], ()>;
 /// Most clients at a time: consoles, monitors, command lines.
 const CLIENTS_MAX: usize = 16;
 
+/// With a character that no bench's name has behind it, so that one is never the beginning of another's.
 fn prefix(bench: &Bench) -> String {
-    format!("kingpin_link_{}_", bench.name().as_str())
+    format!("kingpin_link.{}.", bench.name().as_str())
 }
 
 fn config(bench: &Bench) -> Result<Config, LinkError> {
@@ -65,4 +66,32 @@ pub fn remove_left_over(lock: &BenchLock) {
         }
     }
     let _ = std::fs::remove_dir_all(bench.directory().join("link"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Server;
+
+    #[test]
+    fn cleaning_after_a_bench_leaves_one_whose_name_begins_the_same_alone() {
+        let base = tempfile::tempdir().unwrap();
+        let name = format!("link-{}", std::process::id());
+        let neighbours = [format!("{name}_b"), format!("{name}-b"), format!("{name}b")];
+        let bench = |name: &str| Bench::with_base(name, base.path()).unwrap();
+        let files = |name: &str| {
+            let all = std::fs::read_dir("/dev/shm").unwrap().flatten();
+            all.filter(|f| f.file_name().to_string_lossy().contains(&format!("{name}."))).count()
+        };
+        let locks: Vec<_> = neighbours.iter().map(|name| bench(name).lock().unwrap()).collect();
+        let servers: Vec<_> = neighbours.iter().map(|name| Server::new(&bench(name)).unwrap()).collect();
+        let before: Vec<_> = neighbours.iter().map(|name| files(name)).collect();
+        assert!(before.iter().all(|&count| count > 0), "{before:?}");
+        remove_left_over(&bench(&name).lock().unwrap());
+        let after: Vec<_> = neighbours.iter().map(|name| files(name)).collect();
+        assert_eq!(after, before);
+        drop(servers);
+        locks.iter().for_each(remove_left_over);
+        assert!(neighbours.iter().all(|name| files(name) == 0));
+    }
 }

@@ -2,7 +2,8 @@
 //!
 //! One lock file per region and one for the bench, in `<base>/<bench>/`, mode 0700, where `<base>` is the argument,
 //! or `$KINGPIN_RUNTIME_DIR`, or `$XDG_RUNTIME_DIR/kingpin`, or `/tmp/kingpin-<uid>`. The kernel frees a lock when its
-//! holder dies, however it dies. Lock files are never removed: a removed but held one would let two holders be.
+//! holder dies, however it dies. A lock file is removed only by who holds it, and who gets a lock looks whether the file
+//! is still the one at its path: who had waited for a removed one starts anew, so that there are never two holders.
 
 use crate::TableError;
 use crate::header::ProcessId;
@@ -58,7 +59,7 @@ impl Bench {
     /// [`TableError::Claimed`] naming the holder; [`TableError::UnsafeDirectory`]; [`TableError::Os`].
     pub fn lock(&self) -> Result<BenchLock, TableError> {
         let file = LockFile::take(self, "bench.lock", || format!("bench {}", self.name))?;
-        Ok(BenchLock { bench: self.clone(), _file: file })
+        Ok(BenchLock { bench: self.clone(), file })
     }
 
     /// The process that supervises the bench now, if any. Writes nothing.
@@ -87,6 +88,18 @@ impl Bench {
             format!("region {region} of bench {}", self.name)
         })
     }
+
+    /// Removes the lock files of regions that nobody writes any more.
+    pub(crate) fn remove_region_locks(&self) {
+        let entries = std::fs::read_dir(self.directory()).into_iter().flatten().flatten();
+        for name in entries.filter_map(|entry| entry.file_name().into_string().ok()) {
+            if let Some(region) = name.strip_prefix("region.").and_then(|name| name.strip_suffix(".lock"))
+                && let Ok(held) = self.lock_region(region)
+            {
+                held.remove_file();
+            }
+        }
+    }
 }
 
 /// Base directory of the locks as the environment gives it.
@@ -101,7 +114,15 @@ pub fn base_from_environment() -> PathBuf {
 #[derive(Debug)]
 pub struct BenchLock {
     bench: Bench,
-    _file: LockFile,
+    file: LockFile,
+}
+
+impl Drop for BenchLock {
+    /// Leaves no file behind; the directory goes if nothing is in it.
+    fn drop(&mut self) {
+        self.file.remove_file();
+        let _ = std::fs::remove_dir(self.bench.directory());
+    }
 }
 
 impl BenchLock {
@@ -113,43 +134,73 @@ impl BenchLock {
 
 /// A held lock file; freed on drop or death.
 #[derive(Debug)]
-pub(crate) struct LockFile(#[allow(dead_code, reason = "holds the lock")] File);
+pub(crate) struct LockFile {
+    /// Holds the lock.
+    _file: File,
+    path: PathBuf,
+}
+
+/// How often a lock file that its last holder removed in between is made anew.
+const LOCK_ATTEMPTS: usize = 100;
 
 impl LockFile {
     fn take(bench: &Bench, file_name: &str, what: impl Fn() -> String) -> Result<Self, TableError> {
-        private_directory(&bench.base)?;
-        let directory = bench.directory();
-        private_directory(&directory)?;
-        let path = directory.join(file_name);
+        let path = bench.directory().join(file_name);
+        for _ in 0..LOCK_ATTEMPTS {
+            private_directory(&bench.base)?;
+            private_directory(&bench.directory())?;
+            if let Some(held) = Self::attempt(&path, &what)? {
+                return Ok(held);
+            }
+        }
+        let cause = format!("removed by others {LOCK_ATTEMPTS} times while it was taken");
+        Err(TableError::Os { what: format!("lock file {}", path.display()), cause })
+    }
+
+    /// `None`: the last holder removed the file, or its directory, meanwhile.
+    fn attempt(path: &Path, what: impl Fn() -> String) -> Result<Option<Self>, TableError> {
         let os = |e: std::io::Error| match e.kind() {
             std::io::ErrorKind::PermissionDenied => {
                 TableError::Permission { what: path.display().to_string() }
             }
             _ => TableError::Os { what: format!("lock file {}", path.display()), cause: e.to_string() },
         };
-        let mut file = OpenOptions::new()
+        let opened = OpenOptions::new()
             .read(true)
             .write(true)
             .create(true)
             .truncate(false)
             .mode(0o600)
             .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits() as i32)
-            .open(&path)
-            .map_err(os)?;
+            .open(path);
+        let mut file = match opened {
+            Ok(file) => file,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(os(e)),
+        };
         match file.try_lock() {
-            Ok(()) => {
-                let id = this_process();
-                file.set_len(0).map_err(os)?;
-                file.rewind().map_err(os)?;
-                writeln!(file, "{} {}", id.pid, id.start_ticks).map_err(os)?;
-                Ok(LockFile(file))
-            }
+            Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let holder_pid = read_holder(&mut file).map(|holder| holder.pid);
-                Err(TableError::Claimed { what: what(), holder_pid })
+                return Err(TableError::Claimed { what: what(), holder_pid });
             }
-            Err(TryLockError::Error(e)) => Err(os(e)),
+            Err(TryLockError::Error(e)) => return Err(os(e)),
         }
+        let ours = file.metadata().map_err(os)?;
+        let there = std::fs::symlink_metadata(path);
+        if !there.is_ok_and(|there| (there.dev(), there.ino()) == (ours.dev(), ours.ino())) {
+            return Ok(None);
+        }
+        let id = this_process();
+        file.set_len(0).map_err(os)?;
+        file.rewind().map_err(os)?;
+        writeln!(file, "{} {}", id.pid, id.start_ticks).map_err(os)?;
+        Ok(Some(LockFile { _file: file, path: path.to_owned() }))
+    }
+
+    /// Removes the file; the lock is held until it is dropped.
+    pub(crate) fn remove_file(&self) {
+        let _ = std::fs::remove_file(&self.path);
     }
 }
 
@@ -179,7 +230,12 @@ fn private_directory(path: &Path) -> Result<(), TableError> {
         Err(e) => return Err(os(e)),
     }
     // Not following a symbolic link, which another user could have put into /tmp.
-    let data = std::fs::symlink_metadata(path).map_err(os)?;
+    let data = match std::fs::symlink_metadata(path) {
+        Ok(data) => data,
+        // Its last user removed it just now: who opens a file in it is told.
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(e) => return Err(os(e)),
+    };
     let unsafe_directory = |reason: String| TableError::UnsafeDirectory { path: path.to_owned(), reason };
     if !data.is_dir() {
         return Err(unsafe_directory("is not a directory".to_owned()));

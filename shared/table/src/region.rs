@@ -123,10 +123,10 @@ impl RegionReader {
         self.memory.header()
     }
 
-    /// Newest published tick + 1; 0 if none.
+    /// Newest published tick + 1; 0 if none. A head that somebody has spoilt is not believed, see [`Ring::sound_head`].
     #[inline]
     pub fn head(&self) -> u64 {
-        self.memory.ring().head()
+        self.memory.ring().sound_head()
     }
 
     /// One bounded attempt to read tick `n` into `out` (exactly [`RegionReader::words`] long). Unless it is
@@ -144,7 +144,7 @@ impl RegionReader {
 
     /// Waits until tick `n` or a later one is published. `false`: the deadline came first.
     pub fn wait_for(&self, n: u64, wait: &Wait) -> bool {
-        self.memory.bell().wait(wait, || self.head() > n)
+        self.memory.bell().wait(wait, || self.memory.ring().is_published(n))
     }
 
     /// Waits on this region's bell until `condition` holds (checked after each ring). `false`: the deadline came first.
@@ -199,14 +199,14 @@ pub struct RegionWriter {
     epoch: u64,
     /// First tick that may be written, by this writer's own count: the shared head is for readers.
     next: u64,
-    _lock: Option<LockFile>,
+    lock: Option<LockFile>,
 }
 
 impl RegionWriter {
     fn new(region: RegionReader, lock: Option<LockFile>) -> Self {
-        let next = region.memory.ring().sound_head();
+        let next = region.head();
         let epoch = region.header().claim(this_process());
-        RegionWriter { region, epoch, next, _lock: lock }
+        RegionWriter { region, epoch, next, lock }
     }
 
     /// How often the region has been claimed, this claim included: 1 for the first writer.
@@ -268,6 +268,9 @@ impl Drop for RegionWriter {
     fn drop(&mut self) {
         // Before the lock goes, so that nobody sees a free lock and a live writer.
         self.region.header().release();
+        if let Some(lock) = &self.lock {
+            lock.remove_file();
+        }
         if let Home::Local { claimed, .. } = &self.region.memory.home {
             claimed.store(false, Ordering::Release);
         }

@@ -343,7 +343,8 @@ pub fn writers_alive(bench: &Bench) -> Result<Option<(String, u32)>, TableError>
     Ok(None)
 }
 
-/// Removes every segment of the bench, whatever its layout. Mappings that exist stay valid. Returns their number.
+/// Removes every segment of the bench, whatever its layout, and the locks of its regions. Mappings that exist stay
+/// valid. Returns the number of segments.
 ///
 /// # Errors
 /// [`TableError::Claimed`] if another live process still writes a region (a supervisor with another lock directory
@@ -373,5 +374,6 @@ pub fn remove_bench(lock: &BenchLock) -> Result<usize, TableError> {
             Err(error) => first_error = first_error.or(Some(error)),
         }
     }
+    lock.bench().remove_region_locks();
     first_error.map_or(Ok(removed), Err)
 }

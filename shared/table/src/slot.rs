@@ -211,18 +211,39 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
         head
     }
 
-    /// The head as the slots bear it out, for who takes the ring over: a head whose tick is not there was spoilt; then the
-    /// newest tick that is.
+    /// Stamp of the slot that tick `n` has or had.
+    #[inline]
+    fn stamp(&self, n: u64) -> u64 {
+        self.slot(n).0.load(Ordering::Relaxed)
+    }
+
+    /// Whether tick `n` lies further behind the head than the history is long. Of a head whose own tick is not in the ring,
+    /// because somebody has spoilt it, that says nothing.
+    #[inline]
+    fn is_outlived(&self, n: u64, head: u64) -> bool {
+        head.saturating_sub(n) > self.mask + 1 && self.stamp(head - 1) == head.wrapping_mul(2)
+    }
+
+    /// Whether tick `n` or a later one is published. A spoilt head that is too high is not believed.
+    #[inline]
+    pub fn is_published(&self, n: u64) -> bool {
+        let head = self.head();
+        n < head && (head - n <= self.mask + 1 || self.stamp(n) >= done_stamp(n) || self.is_outlived(n, head))
+    }
+
+    /// The head as the slots bear it out: a head whose tick is not there was spoilt; then the newest tick that is. Goes
+    /// through the whole ring in that case: not for the 1 ms path.
+    #[inline]
     pub fn sound_head(&self) -> u64 {
         let head = self.head();
-        let stamp = |n: u64| self.slot(n).0.load(Ordering::Relaxed);
-        if head == 0 || stamp(head - 1) == head.wrapping_mul(2) {
-            return head;
-        }
-        let done = (0..=self.mask).map(stamp).filter(|stamp| stamp % 2 == 0);
+        if head == 0 || self.stamp(head - 1) == head.wrapping_mul(2) { head } else { self.head_of_slots() }
+    }
+
+    #[cold]
+    fn head_of_slots(&self) -> u64 {
+        let done = (0..=self.mask).map(|n| self.stamp(n)).filter(|stamp| stamp % 2 == 0);
         // A stamp in a slot that is not its tick's is spoilt, too; one that happens to fit its slot is believed.
-        let sound =
-            done.filter(|stamp| *stamp > 0 && self.slot(stamp / 2 - 1).0.load(Ordering::Relaxed) == *stamp);
+        let sound = done.filter(|stamp| *stamp > 0 && self.stamp(stamp / 2 - 1) == *stamp);
         sound.max().unwrap_or(0) / 2
     }
 
@@ -233,14 +254,13 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
         if G::GATE && n >= head {
             return Read::NotYet; // the gate: no ABA across epochs
         }
-        // No sum that a spoilt head could make overflow.
-        if head.saturating_sub(n) > self.mask + 1 {
+        if self.is_outlived(n, head) {
             return Read::Overwritten;
         }
         let (stamp, words) = self.slot(n);
         assert_eq!(out.len(), words.len(), "output of a read");
         let before = stamp.load(Ordering::Relaxed);
-        let done = n.wrapping_mul(2).wrapping_add(2);
+        let done = done_stamp(n);
         if before > done {
             return Read::Overwritten;
         }
@@ -257,17 +277,36 @@ impl<'a, A: Word, G: Guards> Ring<'a, A, G> {
     }
 
     /// Reads the newest published tick; `now` is the caller's tick, for the age. At most two attempts: `None` if
-    /// nothing is published, or if the writer went round the whole ring during each of them.
+    /// nothing is published, or if the writer went round the whole ring during each of them. Under a head whose tick is
+    /// not there, spoilt by somebody, the ticks up to `now` are tried, [`BEHIND_SPOILT_HEAD`] of them.
     #[inline]
     pub fn latest(&self, now: u64, out: &mut [u64]) -> Option<Latest> {
         for _ in 0..2 {
             let tick = self.head().checked_sub(1)?;
-            if self.read(tick, out) == Read::Ready {
-                return Some(Latest { tick, age: now.saturating_sub(tick) });
+            match self.read(tick, out) {
+                Read::Ready => return Some(Latest { tick, age: now.saturating_sub(tick) }),
+                Read::Missing => return self.latest_up_to(now, out),
+                Read::NotYet | Read::Overwritten => {}
             }
         }
         None
     }
+
+    #[cold]
+    fn latest_up_to(&self, now: u64, out: &mut [u64]) -> Option<Latest> {
+        let mut ticks = (now.saturating_sub(BEHIND_SPOILT_HEAD - 1)..=now).rev();
+        let tick = ticks.find(|&tick| self.read(tick, out) == Read::Ready)?;
+        Some(Latest { tick, age: now - tick })
+    }
+}
+
+/// Ticks that [`Ring::latest`] tries behind a spoilt head: enough for what is a few ticks late, few enough for the 1 ms path.
+const BEHIND_SPOILT_HEAD: u64 = 4;
+
+/// Stamp of tick `n`, done.
+#[inline]
+fn done_stamp(n: u64) -> u64 {
+    n.wrapping_mul(2).wrapping_add(2)
 }
 
 #[cfg(test)]
@@ -292,6 +331,34 @@ mod tests {
         memory[1 + 3 * 3].store((1 << 50) + 4, Ordering::Relaxed);
         memory[0].store(1 << 50, Ordering::Relaxed);
         assert_eq!(ring.sound_head(), 7);
+    }
+
+    #[test]
+    fn readers_find_the_ticks_under_a_head_that_is_spoilt() {
+        let memory = memory(2, 4);
+        let ring: Ring<'_> = Ring::new(&memory, 2, 4);
+        (0..7).for_each(|n| ring.write(n, &[n, n + 10]).unwrap());
+        let mut out = [0; 2];
+        for spoilt in [12, 1 << 40, u64::MAX] {
+            memory[0].store(spoilt, Ordering::Relaxed);
+            assert!(ring.is_published(6), "head {spoilt}");
+            assert!(!ring.is_published(7), "head {spoilt}: nobody may step on a tick that is not there");
+            assert_eq!((ring.read(6, &mut out), out), (Read::Ready, [6, 16]), "head {spoilt}");
+            assert_eq!(ring.read(2, &mut out), Read::Overwritten, "head {spoilt}");
+            assert_ne!(ring.read(7, &mut out), Read::Ready, "head {spoilt}");
+            for (now, found) in [(6, 6), (8, 6), (9, 6), (5, 5)] {
+                let latest = ring.latest(now, &mut out);
+                let expected = Some(Latest { tick: found, age: now - found });
+                assert_eq!(latest, expected, "head {spoilt}, at tick {now}");
+            }
+            assert_eq!(ring.latest(10, &mut out), None, "head {spoilt}: too long ago");
+        }
+        // A head that is sound: who was lapped does not wait, wherever the writer skipped.
+        ring.write_from(7, 7, &[0; 2]).unwrap();
+        ring.write_from(8, 102, &[0; 2]).unwrap();
+        assert!(
+            ring.is_published(7) && ring.is_published(8) && ring.is_published(102) && !ring.is_published(103)
+        );
     }
 
     fn memory(words: usize, depth: usize) -> Vec<AtomicU64> {

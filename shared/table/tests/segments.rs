@@ -5,6 +5,7 @@ mod support;
 
 use std::fs;
 use std::os::unix::fs::{FileExt, symlink};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use support::TestBench;
 use table::{
     Bench, CreateOptions, MAGIC, OpenOptions, Read, RegionReader, RegionSpec, Table, TableError, TableInfo,
@@ -201,6 +202,52 @@ fn lock_directories_that_others_could_write_to_are_refused() {
     symlink("/tmp", &linked).unwrap();
     let bench = Bench::with_base("locks", linked).unwrap();
     assert!(matches!(bench.lock(), Err(TableError::UnsafeDirectory { .. })));
+}
+
+/// Many take and remove the same lock: never do two hold it, and nothing is left in the end.
+#[test]
+fn a_lock_whose_file_is_removed_has_one_holder_at_a_time_and_leaves_nothing() {
+    let base = tempfile::tempdir().unwrap();
+    let bench = Bench::with_base("one", base.path()).unwrap();
+    let (holders, taken, refused) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                while taken.load(Ordering::Relaxed) < 5000 {
+                    match bench.lock() {
+                        Ok(lock) => {
+                            assert_eq!(holders.fetch_add(1, Ordering::SeqCst), 0, "two holders");
+                            taken.fetch_add(1, Ordering::Relaxed);
+                            // Long enough for another who waited for the removed file to come in.
+                            (0..20_000).for_each(|_| std::hint::spin_loop());
+                            holders.fetch_sub(1, Ordering::SeqCst);
+                            drop(lock);
+                        }
+                        Err(TableError::Claimed { .. }) => drop(refused.fetch_add(1, Ordering::Relaxed)),
+                        Err(other) => panic!("{other}"),
+                    }
+                }
+            });
+        }
+    });
+    assert!(refused.load(Ordering::Relaxed) > 100, "they never met");
+    assert!(!bench.directory().exists());
+}
+
+/// What was killed leaves its locks; who cleans takes them, but not those that are held.
+#[test]
+fn removing_a_bench_removes_its_locks_too() {
+    let bench = TestBench::new();
+    let table = make(&bench, &[SPEC]);
+    let lock = bench.bench.directory().join("region.state.lock");
+    let writer = table.claim_writer(0).unwrap();
+    remove_bench(&bench.lock).unwrap();
+    assert!(lock.exists(), "it is held");
+    drop(writer);
+    assert!(!lock.exists(), "who ends in order takes it along");
+    fs::write(&lock, "1 1").unwrap(); // as a killed writer leaves it
+    remove_bench(&bench.lock).unwrap();
+    assert!(!lock.exists());
 }
 
 #[test]

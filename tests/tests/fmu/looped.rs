@@ -351,6 +351,36 @@ fn in_real_time_a_killed_fmu_holds_the_bench_and_comes_back() {
 }
 
 #[test]
+fn a_supervisor_that_takes_over_looks_after_the_fmu_too() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let file = scenario(folder.path(), &Recipe::sound(2), &[("duration_s = 4.0", "duration_s = 15.0")]);
+    let (out, name) = (folder.path().join("out"), format!("fmu-attach-{}", std::process::id()));
+    let mut first = paced(&file, &out, &name);
+    let running = || (show(&name, "rig_status")?["content"]["state"].as_u64()? == 4).then_some(());
+    let writer = |region: &str| show(&name, region)?["header"]["writer_pid"].as_u64();
+    until("running", running);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    let next = Command::new(kingpin())
+        .args(["attach", &name, "--json", "--no-report", "--rearm"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    until("the new supervisor", || writer("bench").filter(|&pid| pid == u64::from(next.id())));
+    let killed = until("the FMU", || writer("fmu_0"));
+    kill_process(Pid::from_raw(i32::try_from(killed).unwrap()).unwrap(), Signal::KILL).unwrap();
+    until("the restart", || writer("fmu_0").filter(|&pid| pid != killed));
+    until("running again", running);
+    let output = next.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+    assert!(words(&output).contains("service fmu_0 died"), "the death is told: {}", words(&output));
+    let states = LogReader::open(&out).unwrap().column_u64("rig_status", "state").unwrap();
+    assert!(states.contains(&5) && !states.contains(&8), "the rig held and did not trip");
+}
+
+#[test]
 fn in_real_time_a_step_of_two_seconds_is_ended_and_the_bench_comes_back() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();

@@ -2,12 +2,15 @@
 //! phases. Blocks of both alternate, on the same core, at the same priority, with the same call to sleep, so
 //! that both see the same host. A third kind of block is `cyclictest`'s: no spinning at all.
 
+mod arguments;
 pub mod load;
 pub mod timer;
 
-use crate::args::{BenchArgs, BenchCommand, BenchJitterArgs};
+pub use arguments::BenchArgs;
+
 use crate::exit::Exit;
 use crate::output;
+use arguments::{BenchCommand, BenchJitterArgs};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use record::LogReader;
 use report::{Curve, Plot, Rows, page_html};
@@ -177,10 +180,12 @@ fn read_block(log: &LogReader, period_s: f64, duration_s: f64) -> Result<Block, 
     let (wake, start, compute, done, margin, output) = (wake?, start?, compute?, done?, margin?, output?);
     let caught_up = column("caught_up_count")?;
     let value = |words: &[u64], column: usize| f64::from_bits(words[column]) * 1e9;
+    let mut next = first;
     for (row, &tick) in rig.ticks.iter().enumerate().filter(|(_, t)| (first..end).contains(*t)) {
         let words = rig.row(row);
         block.ticks += 1;
-        block.wake.record_ns(value(words, wake));
+        block.wake.record_with_overslept_ns(value(words, wake), tick - next, period_s * 1e9);
+        next = tick + 1;
         block.output.record_ns(value(words, output));
         let (Some(v), Some(m)) = (vehicle.at_tick(tick), multibody.at_tick(tick)) else { continue };
         block.vehicle_done.record_ns(value(v, done));

@@ -5,6 +5,7 @@ use crate::exit::Exit;
 use crate::output;
 use logger::blackbox::{BlackboxError, save};
 use serde_json::json;
+use std::collections::BTreeSet;
 use table::Bench;
 
 /// `kingpin blackbox`.
@@ -37,12 +38,23 @@ pub fn blackbox(args: &BlackboxArgs) -> Exit {
     }
 }
 
+/// Benches that have a directory of locks, with or without memory.
+fn directories() -> impl Iterator<Item = String> {
+    let entries = std::fs::read_dir(table::base_from_environment()).into_iter().flatten().flatten();
+    let names = entries.filter(|entry| entry.path().is_dir()).map(|entry| entry.file_name());
+    names.filter_map(|name| name.into_string().ok()).filter(|name| Bench::new(name).is_ok())
+}
+
 /// `kingpin clean`.
 pub fn clean(args: &CleanArgs) -> Exit {
     let names = match &args.name {
         Some(name) => vec![name.clone()],
         None => match table::list_benches() {
-            Ok(benches) => benches.iter().map(|b| b.as_str().to_owned()).collect(),
+            Ok(benches) => {
+                let mut names: BTreeSet<_> = benches.iter().map(|b| b.as_str().to_owned()).collect();
+                names.extend(directories());
+                names.into_iter().collect()
+            }
             Err(error) => {
                 output::note(error);
                 return Exit::Unavailable;

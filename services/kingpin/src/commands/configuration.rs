@@ -3,7 +3,9 @@
 use crate::args::{CheckArgs, ListArgs, ListKind, SchemaArgs, SchemaSection};
 use crate::exit::Exit;
 use crate::output;
+use config::ResolvedBench;
 use config::library::{Kind, Library};
+use std::collections::BTreeSet;
 
 fn kind_of(kind: ListKind) -> Kind {
     match kind {
@@ -91,32 +93,42 @@ fn describe(text: &str) -> String {
     described.filter(|d| !d.is_empty()).or_else(comment).unwrap_or_default()
 }
 
+/// Loads a bench and builds all that is in it once, so that whatever does not fit is said, all of it, before anything
+/// runs or is written. What is wrong is said already.
+pub(super) fn load(scenario: &str, overrides: &[String], json: bool) -> Result<ResolvedBench, Exit> {
+    let resolved = super::history::load_bench(scenario, overrides).map_err(|problems| {
+        if json {
+            output::json(&problems.to_json());
+        } else {
+            output::note(&problems);
+        }
+        Exit::BadInput
+    })?;
+    let models = assembly::ServiceKind::ALL.map(|kind| assembly::build(kind, &resolved).map(drop));
+    let can = assembly::CanParts::new(&resolved).map(drop);
+    let mut wrong: Vec<String> =
+        models.into_iter().chain([can]).filter_map(Result::err).map(|error| error.to_string()).collect();
+    if let Err(refused) = params::Schedule::new(&resolved) {
+        wrong.extend(refused.iter().map(|refusal| format!("{}: {refusal}", resolved.scenario.name)));
+    }
+    // A file that several services use is wrong for each of them.
+    let mut told = BTreeSet::new();
+    wrong.retain(|error| told.insert(error.clone()));
+    if wrong.is_empty() {
+        Ok(resolved)
+    } else {
+        Err(super::run::say(json, Exit::BadInput, &wrong.join("\n")))
+    }
+}
+
 /// `kingpin check`.
 pub fn check(args: &CheckArgs) -> Exit {
-    let resolved = match super::history::load_bench(&args.scenario, &args.set) {
+    let resolved = match load(&args.scenario, &args.set, args.json) {
         Ok(resolved) => resolved,
-        Err(problems) => {
-            if args.json {
-                output::json(&problems.to_json());
-            } else {
-                output::note(&problems);
-            }
-            return Exit::BadInput;
-        }
+        Err(exit) => return exit,
     };
-    for kind in assembly::ServiceKind::ALL {
-        if let Err(error) = assembly::build(kind, &resolved) {
-            output::note(error);
-            return Exit::BadInput;
-        }
-    }
-    if let Err(error) = assembly::CanParts::new(&resolved) {
-        output::note(error);
-        return Exit::BadInput;
-    }
     if let Err(error) = assembly::check_fmus(&resolved, false) {
-        output::note(error);
-        return Exit::BadInput;
+        return super::run::say(args.json, Exit::BadInput, &error.to_string());
     }
     // Sound, but perhaps for lockstep only.
     if let Err(error) = assembly::check_fmus(&resolved, true) {

@@ -1,5 +1,6 @@
 //! `fault`: runs a fault campaign and says whether every reaction was the expected one.
 
+mod arguments;
 mod judge;
 mod judge_can;
 mod lockstep;
@@ -9,7 +10,8 @@ mod replay;
 mod round;
 mod schedule;
 
-use crate::args::FaultArgs;
+pub use arguments::FaultArgs;
+
 use crate::exit::Exit;
 use crate::output;
 use assembly::ServiceKind;
@@ -70,7 +72,7 @@ pub fn fault(args: &FaultArgs) -> Exit {
         Ok(loaded) => loaded.value,
         Err(problems) => return fail(Exit::BadInput, problems.to_json(), &problems.to_string()),
     };
-    let resolved = match ResolvedBench::load(&campaign.scenario, &campaign.set) {
+    let resolved = match super::history::load_bench(&campaign.scenario, &campaign.set) {
         Ok(resolved) => resolved,
         Err(problems) => return fail(Exit::BadInput, problems.to_json(), &problems.to_string()),
     };

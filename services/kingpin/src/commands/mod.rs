@@ -1,6 +1,6 @@
 //! The commands, one file a group.
 
-mod bench;
+pub mod bench;
 mod blackbox;
 pub mod bridge;
 mod can;
@@ -9,7 +9,7 @@ mod can_bus;
 mod configuration;
 pub mod console;
 mod doctor;
-mod fault;
+pub mod fault;
 pub mod fmu;
 mod fmu_export;
 mod history;
@@ -22,7 +22,7 @@ pub mod rig;
 mod run;
 mod service;
 mod summary;
-mod suspension;
+pub mod suspension;
 pub mod sweep;
 mod table;
 pub mod tyre;

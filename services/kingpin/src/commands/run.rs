@@ -28,30 +28,10 @@ pub fn run(args: &RunArgs) -> Exit {
     if let Some(duration) = args.duration {
         overrides.push(format!("duration_s={duration:?}"));
     }
-    let resolved = match super::history::load_bench(&args.scenario, &overrides) {
+    let resolved = match super::configuration::load(&args.scenario, &overrides, args.json) {
         Ok(resolved) => resolved,
-        Err(problems) => {
-            if args.json {
-                output::json(&problems.to_json());
-            } else {
-                output::note(&problems);
-            }
-            return Exit::BadInput;
-        }
+        Err(exit) => return exit,
     };
-    // All models once, so that whatever cannot be built is said before anything is written.
-    for kind in assembly::ServiceKind::ALL {
-        if let Err(error) = assembly::build(kind, &resolved) {
-            return refuse(args, Exit::BadInput, &error.to_string());
-        }
-    }
-    if let Err(error) = assembly::CanParts::new(&resolved) {
-        return refuse(args, Exit::BadInput, &error.to_string());
-    }
-    if let Err(refused) = params::Schedule::new(&resolved) {
-        let lines: Vec<_> = refused.iter().map(|r| format!("{}: {r}", resolved.scenario.name)).collect();
-        return refuse(args, Exit::BadInput, &lines.join("\n"));
-    }
     if args.operate && args.lockstep.is_some() {
         return refuse(args, Exit::BadInput, "--operate: needs a run by the clock, not --lockstep");
     }
@@ -145,7 +125,8 @@ fn refuse(args: &RunArgs, exit: Exit, error: &str) -> Exit {
     say(args.json, exit, error)
 }
 
-fn say(json: bool, exit: Exit, error: &str) -> Exit {
+/// Says what ends a command.
+pub(super) fn say(json: bool, exit: Exit, error: &str) -> Exit {
     if json {
         output::json(&json!({ "error": error }));
     } else {

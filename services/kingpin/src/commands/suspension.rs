@@ -1,5 +1,6 @@
 //! `suspension`: an axle on its own, away from any bench.
 
+mod arguments;
 mod columns;
 mod compare;
 mod compliance;
@@ -8,9 +9,11 @@ mod input;
 pub mod page;
 mod solve;
 
-use crate::args::{SuspensionArgs, SuspensionCommand, SuspensionDescribeArgs};
+pub use arguments::SuspensionArgs;
+
 use crate::exit::Exit;
 use crate::output;
+use arguments::{SuspensionCommand, SuspensionDescribeArgs};
 use config::axle::Axle;
 use config::{Mistake, Problems, Violation};
 use multibody::{Suspension, SuspensionDescription};

@@ -1,4 +1,7 @@
 //! Bare timer wake-ups, as `cyclictest` measures them: sleep to an absolute time, see how late it became.
+//! Every period of the grid is one sample. Those overslept count, too, each with the time from its own start to
+//! when the thread ran again: a stall of five periods is five late ones, else a stall would hide most of itself
+//! ("coordinated omission" [Tene, How NOT to measure latency, 2015]).
 
 use hdrhistogram::Histogram;
 use runtime::clock::{self, Nanos};
@@ -24,6 +27,11 @@ impl Times {
         if ns.is_finite() {
             self.histogram.saturating_record(ns.max(0.0) as u64);
         }
+    }
+
+    /// A wake-up so late after its time, and the periods overslept before it.
+    pub fn record_with_overslept_ns(&mut self, lateness_ns: f64, overslept: u64, period_ns: f64) {
+        (0..=overslept).for_each(|back| self.record_ns(lateness_ns + back as f64 * period_ns));
     }
 
     /// All of another.
@@ -69,20 +77,20 @@ pub struct Timer {
     pub spin_ns: Nanos,
 }
 
-/// Lateness of so many wake-ups, in a thread of its own.
+/// Lateness in so many periods, in a thread of its own.
 pub fn measure(timer: Timer, count: usize) -> Times {
     let thread = std::thread::spawn(move || {
         let wish = Wish { core: timer.core, priority: timer.priority, lock_memory: false };
         realtime::apply(&wish);
         let mut times = Times::default();
         let mut next = clock::now() + timer.period_ns;
-        for _ in 0..count {
+        while times.len() < count as u64 {
             clock::sleep_until(next, timer.spin_ns);
-            let now = clock::now();
-            times.record_ns((now - next) as f64);
-            // What was overslept is one late wake-up, not many: as the rig counts.
-            let missed = (now - next) / timer.period_ns;
-            next += (missed + 1) * timer.period_ns;
+            let lateness = clock::now() - next;
+            let overslept = (lateness / timer.period_ns).min(count as u64 - times.len() - 1);
+            let since_last = lateness.saturating_sub(overslept * timer.period_ns);
+            times.record_with_overslept_ns(since_last as f64, overslept, timer.period_ns as f64);
+            next += (overslept + 1) * timer.period_ns;
         }
         times
     });

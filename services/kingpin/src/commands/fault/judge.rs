@@ -452,6 +452,10 @@ fn expect(
             require(!disturbed_running, "the rig did not just run on");
             require(made.put_right, "the supervisor did not put the header right");
         }
+        // A head that its slot does not bear out is not believed: every tick is read all the same.
+        FaultKind::Scribble { place: Place::Head, .. } => {
+            require(!disturbed_running, "the rig did not just run on");
+        }
         // Whoever had read the tick already did not notice.
         FaultKind::Scribble { .. } => {
             require(!held || ticks >= limit, "the rig held before the limit");

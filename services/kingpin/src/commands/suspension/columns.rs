@@ -1,9 +1,9 @@
 //! The columns of a solved row: name and how it is read. One list serves the writing of results and the
 //! comparison with a reference.
 
+use super::arguments::SuspensionMethod;
 use super::input::{LOADS, SIDES};
 use super::solve::Solved;
-use crate::args::SuspensionMethod;
 use config::axle::{Axle, Geometry};
 use multibody::methods::{MappedSide, SideForces};
 use multibody::{SideOutput, SuspensionOutput};

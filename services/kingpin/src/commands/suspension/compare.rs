@@ -1,11 +1,11 @@
 //! `suspension compare`: the tie-rod force methods, and everything else that is solved, against a reference.
 
+use super::arguments::{SuspensionCompareArgs, SuspensionMethod};
 use super::columns::{Column, columns, variants};
 use super::input::{Rows, SIDES, read};
 use super::page::{Figure, Table, html};
 use super::solve::{Solved, Solver};
 use super::{Wrong, load_axle};
-use crate::args::{SuspensionCompareArgs, SuspensionMethod};
 use crate::commands::log::write_whole;
 use crate::exit::Exit;
 use crate::output;

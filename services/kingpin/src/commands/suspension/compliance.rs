@@ -1,7 +1,7 @@
 //! `suspension compliance`: what the bushings of an axle give, as the figures of a car file's `[front.compliance]`.
 
+use super::arguments::SuspensionComplianceArgs;
 use super::{Wrong, load_axle};
-use crate::args::SuspensionComplianceArgs;
 use crate::exit::Exit;
 use crate::output;
 use serde_json::json;

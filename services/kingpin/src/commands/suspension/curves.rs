@@ -1,10 +1,10 @@
 //! `suspension curves`: alignment over wheel travel and rack, and the kinematics map of a vehicle model.
 
+use super::arguments::SuspensionCurvesArgs;
 use super::input::SIDES;
 use super::page::{Figure, html};
 use super::solve::{number, write_csv};
 use super::{Wrong, load_axle};
-use crate::args::SuspensionCurvesArgs;
 use crate::commands::log::write_whole;
 use crate::exit::Exit;
 use crate::output;

@@ -1,9 +1,9 @@
 //! `suspension solve`: every row of a CSV.
 
+use super::arguments::{SuspensionMethod, SuspensionSolveArgs};
 use super::columns::{Column, columns};
 use super::input::{Row, Rows, read};
 use super::{Wrong, assemble, load_axle};
-use crate::args::{SuspensionMethod, SuspensionSolveArgs};
 use crate::commands::log::write_whole;
 use crate::exit::Exit;
 use crate::output;
