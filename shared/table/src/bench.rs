@@ -135,8 +135,7 @@ impl BenchLock {
 /// A held lock file; freed on drop or death.
 #[derive(Debug)]
 pub(crate) struct LockFile {
-    /// Holds the lock.
-    _file: File,
+    file: File,
     path: PathBuf,
 }
 
@@ -186,22 +185,28 @@ impl LockFile {
             }
             Err(TryLockError::Error(e)) => return Err(os(e)),
         }
-        let ours = file.metadata().map_err(os)?;
-        let there = std::fs::symlink_metadata(path);
-        if !there.is_ok_and(|there| (there.dev(), there.ino()) == (ours.dev(), ours.ino())) {
+        if !is_at(&file, path) {
             return Ok(None);
         }
         let id = this_process();
         file.set_len(0).map_err(os)?;
         file.rewind().map_err(os)?;
         writeln!(file, "{} {}", id.pid, id.start_ticks).map_err(os)?;
-        Ok(Some(LockFile { _file: file, path: path.to_owned() }))
+        Ok(Some(LockFile { file, path: path.to_owned() }))
     }
 
-    /// Removes the file; the lock is held until it is dropped.
+    /// Removes the file; the lock is held until it is dropped. Another file that somebody has put in its place stays.
     pub(crate) fn remove_file(&self) {
-        let _ = std::fs::remove_file(&self.path);
+        if is_at(&self.file, &self.path) {
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
+}
+
+/// Whether an open file is the one at that path.
+fn is_at(file: &File, path: &Path) -> bool {
+    let (Ok(open), Ok(there)) = (file.metadata(), std::fs::symlink_metadata(path)) else { return false };
+    (open.dev(), open.ino()) == (there.dev(), there.ino())
 }
 
 /// What the holder of a lock wrote into it; nothing if it has just locked and not yet written.
