@@ -410,7 +410,8 @@ fn a_logger_that_cannot_make_its_file_keeps_trying_and_counts() {
         let status = show(&name, "logger_status")?;
         (status["content"]["lost_count"].as_u64()? > 100).then_some(())
     });
-    assert_eq!(show(&name, "rig_status").unwrap()["content"]["state"], 4, "the loop runs on");
+    // The loop runs on; the host may make the rig hold for a moment.
+    until_running(&name);
     std::fs::remove_file(&out).unwrap();
     std::fs::rename(&aside, &out).unwrap();
     until("a new file", || out.join("log.1.mcap").is_file().then_some(()));

@@ -7,7 +7,7 @@ use assert_no_alloc::{AllocDisabler, assert_no_alloc, violation_count};
 use config::ResolvedBench;
 use kingpin_tests::support::kingpin;
 use record::LogReader;
-use regions::{Payload, RegionId, VehicleState};
+use regions::{Payload, RegionId, SuspensionState, VehicleState, model_flags};
 use runtime::lockstep::Chain;
 use runtime::{Bound, Model, region_specs};
 use std::path::Path;
@@ -171,4 +171,33 @@ fn one_process_and_the_process_set_twice_each_leave_four_equal_logs() {
     run(&["--lockstep", "--set", "seed=2"], &folder.path().join("e"));
     let other = LogReader::open(&folder.path().join("e")).unwrap();
     assert!(!record::compare(&logs[0], &other).is_empty());
+}
+
+/// Killed between publishing a tick and saving its checkpoint: the successor steps that tick again, is refused, and says
+/// with the next one that it was restored.
+#[test]
+fn a_restart_is_told_also_when_the_dead_writer_had_published_the_next_tick() {
+    let resolved = resolved("slalom_120", &[]);
+    let info = TableInfo { run_id: 1, period_ns: 1_000_000, t0_ns: 1 };
+    let table = Table::create_local(&region_specs(1e-3), info).unwrap();
+    let model = || build(ServiceKind::Multibody, &resolved).unwrap();
+    let bind = || Bound::<dyn Model>::new(model(), &table, false).unwrap();
+    let region = RegionId::SuspensionState as usize;
+    let flags = |tick: u64| {
+        let mut state = SuspensionState::absent();
+        assert_eq!(table.reader(region).read(tick, state.words_mut()), Read::Ready);
+        state.flags
+    };
+    let mut first = bind();
+    (0..=10).for_each(|n| first.tick(0, n, false).unwrap());
+    drop(first);
+    let mut dead = table.claim_writer(region).unwrap();
+    dead.write(11, SuspensionState::absent().words()).unwrap();
+    drop(dead);
+    let mut second = bind();
+    assert_eq!(second.restore(&table), Some(10));
+    (11..=13).for_each(|n| second.tick(0, n, true).unwrap());
+    assert_eq!(second.refused(), 1);
+    let restored = [11, 12, 13].map(|tick| flags(tick) & model_flags::RESTORED != 0);
+    assert_eq!(restored, [false, true, false]);
 }

@@ -175,6 +175,10 @@ impl Model for MultibodyNode {
         bytemuck::cast_slice_mut::<f64, u64>(last).copy_from_slice(self.last.words());
     }
 
+    fn unpublished(&mut self) {
+        self.restored |= self.last.flags & model_flags::RESTORED != 0;
+    }
+
     fn restore(&mut self, words: &[u64]) -> bool {
         let checkpoint: &[MultibodyCheckpoint] = bytemuck::cast_slice(words);
         let checkpoint = &checkpoint[0];

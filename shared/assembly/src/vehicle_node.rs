@@ -367,6 +367,10 @@ impl Model for VehicleNode {
         }
     }
 
+    fn unpublished(&mut self) {
+        self.restored |= self.last.flags & model_flags::RESTORED != 0;
+    }
+
     fn restore(&mut self, words: &[u64]) -> bool {
         let checkpoint: &[VehicleCheckpoint] = bytemuck::cast_slice(words);
         let checkpoint = &checkpoint[0];

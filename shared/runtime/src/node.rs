@@ -166,6 +166,9 @@ pub trait Model: Send {
         let _ = order;
     }
 
+    /// The tick just stepped was published by a dead predecessor already: what it had to say is to be said with the next.
+    fn unpublished(&mut self) {}
+
     /// Takes a checkpoint's state over; `false` when it is not one of this model.
     fn restore(&mut self, words: &[u64]) -> bool {
         let _ = words;
@@ -340,6 +343,7 @@ impl<M: Model + ?Sized> Bound<M> {
         if bound.writer.write(n, &bound.output).is_err() {
             // Only after a restart: the dead writer had published this tick before its checkpoint.
             bound.refused += 1;
+            self.model.unpublished();
         }
         if let Some((writer, words)) = &mut bound.checkpoint {
             self.model.save(n, words);

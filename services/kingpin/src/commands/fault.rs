@@ -34,7 +34,8 @@ use table::Bench;
 const TRIES_MAX: u32 = 5;
 
 /// Regions of the log that are read.
-const READ: [&str; 8] = [
+const READ: [&str; 9] = [
+    "rig_timing",
     "can",
     "bench",
     "rig_measurement",

@@ -228,6 +228,7 @@ pub fn judge(
     };
     let jumps = Jumps::of(log, period_s)?;
     let bus = Bus::of(log);
+    let late_samples = late_samples(log, timing.vehicle_latest_start * period_s)?;
     let mut whole = round.faults.clone();
     let missing = missing_in_log(round, log);
     let origins: BTreeSet<u64> = log.files.iter().filter_map(|f| f.wall_start_ns).collect();
@@ -326,8 +327,9 @@ pub fn judge(
             unmet.extend(bus.unmet(made, *effect, u64::from(*ticks), over));
         }
         let meant = |t: Target| t == target;
+        let rig_late = late_samples.iter().filter(|tick| (from..over).contains(*tick)).count() as u64;
         let others = [
-            if meant(Target::Rig) { 0 } else { rig.gaps(from, over) },
+            if meant(Target::Rig) { 0 } else { rig.gaps(from, over) + rig_late },
             if meant(Target::Vehicle) { 0 } else { caught_up(&vehicle) },
             if meant(Target::Multibody) { 0 } else { caught_up(&multibody) },
         ];
@@ -363,6 +365,19 @@ pub fn judge(
         whole.push(format!("the log lacks {total} published ticks, the first of {region} at {tick}"));
     }
     Ok((judgements, whole))
+}
+
+/// Ticks whose sample the rig took so late that nobody can have waited for it: none in lockstep, which has no clock.
+fn late_samples(log: &LogReader, latest_s: f64) -> Result<Vec<u64>, String> {
+    let Ok(region) = log.region("rig_timing") else { return Ok(Vec::new()) };
+    let start_s = log.column("rig_timing", "start_s").map_err(|e| e.to_string())?;
+    Ok(region
+        .ticks
+        .iter()
+        .zip(start_s)
+        .filter(|(_, start_s)| *start_s > latest_s)
+        .map(|(tick, _)| *tick)
+        .collect())
 }
 
 /// Largest step that a tick may make besides speed times period: the error of the trapezium rule at 100 m/s² and
